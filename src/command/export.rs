@@ -14,8 +14,9 @@ use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::optimise::scheme_of;
+use crate::quantum::probability::PlannedState;
 use crate::quantum::purpose::Purpose;
-use crate::quantum::resources::{Preparation, ResourceCounts};
+use crate::quantum::resources::ResourceCounts;
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::{export, matrices, planned_modes};
 use crate::solve::prepared::Prepared;
@@ -106,9 +107,9 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let (mut prepared, here) = assembled(world, &case)?;
     let RoughSolution { ratio, norms } = prepared.rough_solution();
     let prepared = prepared.plan_modes(world, &here, ratio)?;
-    let field_tolerance = case.warp.share * case.tolerance;
-    let planned = Preparation::of_plan(planned_modes(&case.name, &prepared.plan)?, field_tolerance);
-    let record = ResourceCounts::new(&prepared, planned, norms, RotationSynthesis::default())?;
+    let warp = planned_modes(&case.name, &prepared.plan)?;
+    let state = PlannedState::of_plan(warp, &prepared.bounds, &case);
+    let counts = ResourceCounts::new(&prepared, state, norms, RotationSynthesis::default())?;
     let choice = CircuitChoice {
         bin_bits: args.sub_bins.map(usize::from),
         levels: args.levels,
@@ -116,7 +117,7 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
         wavenumber: args.wavenumber,
         columns: args.check,
     };
-    let compiled = world.group().agree(CompiledCircuit::new(&prepared, &record, choice))?;
+    let compiled = world.group().agree(CompiledCircuit::new(&prepared, &counts, choice))?;
     world.group().on_first_rank(|| {
         compiled.write(&directory)?;
         exported::write(&directory, &owner)

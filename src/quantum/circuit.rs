@@ -95,34 +95,34 @@ pub struct CompiledCircuit {
 pub const NAMES: [&str; 4] = ["interface.qasm", "circuit.json", "azure.json", "qref.json"];
 
 /// The modes of the circuit of `case`: one of the wavenumber of `choice`, the one mode of the
-/// unitary scheme, or a register of all modes of `record`.
-fn circuit_modes(case: &Case, record: &ResourceCounts, choice: &CircuitChoice) -> CircuitModes {
+/// unitary scheme, or a register of all modes of `counts`.
+fn circuit_modes(case: &Case, counts: &ResourceCounts, choice: &CircuitChoice) -> CircuitModes {
     match choice.wavenumber {
         Some(mu) => CircuitModes::One(mu),
         // The unitary scheme: H = iK.
         None if case.flux == 0.0 => CircuitModes::One(0.0),
         None => {
-            let highest = record.setup.highest_wavenumber;
-            choice.mode_weights.of_register(record.points, record.period, highest)
+            let highest = counts.setup.highest_wavenumber;
+            choice.mode_weights.of_register(counts.points, counts.period, highest)
         }
     }
 }
 
 impl CompiledCircuit {
-    /// Compiles the circuit of a case whose whole grid is on this rank. `record` has the cost of
+    /// Compiles the circuit of a case whose whole grid is on this rank. `counts` has the cost of
     /// sparse access.
     ///
     /// # Errors
     /// As [`CircuitCase::new`]; [`Error::Input`] for a check that is too large.
     pub fn new(
         prepared: &Prepared,
-        record: &ResourceCounts,
+        counts: &ResourceCounts,
         choice: CircuitChoice,
     ) -> Result<Self> {
         let Prepared { case, system, .. } = prepared;
         let bins = choice.bin_bits.map_or(Bins::Whole, Bins::Given);
         let CircuitCase { transport, rounded, change } = CircuitCase::new(case, bins)?;
-        let modes = circuit_modes(case, record, &choice);
+        let modes = circuit_modes(case, counts, &choice);
         let (time, levels) = (case.duration(), choice.levels);
         let alpha = transport.alpha(modes, levels);
         let circuit = transport.encode(modes, levels, false);
@@ -131,13 +131,13 @@ impl CompiledCircuit {
         // The unitary scheme's one mode is the field, whatever the profile.
         let walk_tolerance = match case.flux {
             0.0 => LabelledNumber::exact(case.tolerance),
-            _ => record.walk_tolerance.clone(),
+            _ => counts.walk_tolerance.clone(),
         };
         let tolerance = walk_tolerance.value().unwrap_or(case.tolerance);
         let (highest, alpha_of_highest) = match modes {
             CircuitModes::One(mu) | CircuitModes::Rotated { highest: mu, .. } => (mu, None),
             CircuitModes::Register { .. } => {
-                let highest = record.setup.highest_wavenumber;
+                let highest = counts.setup.highest_wavenumber;
                 (highest, Some(transport.alpha(CircuitModes::One(highest), levels)))
             }
         };

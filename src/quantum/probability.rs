@@ -24,8 +24,11 @@
 //! window is within `ε_w` too.
 
 use crate::matrix::bounds::Bounds;
+use crate::problem::case::Case;
+use crate::quantum::cost::EvolutionRequirements;
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::schrodingerization::profile::series::Series;
+use crate::quantum::walk::evolution_part;
+use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::system::StateNorms;
 use num_complex::Complex64;
@@ -273,28 +276,76 @@ impl PostselectionChain {
     }
 }
 
-/// The state that a run prepares, as its plan knows it.
-#[derive(Clone, Copy)]
-pub struct PlannedState<'a> {
-    /// Bounds of the generator.
-    pub bounds: &'a Bounds,
+/// A state that is planned to be measured: the one that a run prepares, or one of a choice of
+/// profile and recovery point.
+#[derive(Clone, Debug)]
+pub struct PlannedState {
     /// The profile as a series.
-    pub series: &'a Series,
+    pub series: Series,
+    /// The profile in words.
+    pub profile: String,
     /// `p◇`.
     pub point: f64,
-    /// The tolerance that the profile is planned for.
-    pub state_tolerance: f64,
-    /// `T`.
-    pub time: f64,
     /// Number of points in `p`: of the plan, or of the register that holds them.
     pub points: usize,
+    /// The tolerance that the profile is planned for.
+    pub state_tolerance: f64,
+    /// The tolerance of the field at `p◇`.
+    pub field_tolerance: f64,
+    /// `Λ⁺` and `Λ⁻`.
+    pub reach: [f64; 2],
 }
 
-impl<'a> PlannedState<'a> {
-    /// The state of `warp`, on `points` points.
-    pub fn of(warp: &'a WarpPlan, bounds: &'a Bounds, time: f64, points: usize) -> Self {
-        let (point, state_tolerance) = (warp.readings[0].point, warp.state_tolerance);
-        Self { bounds, series: &warp.series, point, state_tolerance, time, points }
+/// The measurement of a planned state.
+pub struct PlannedMeasurement {
+    /// The probabilities of measuring the field.
+    pub probabilities: Probabilities,
+    /// The requirements of the evolution, its tolerance being a part of that of the field.
+    pub requirements: EvolutionRequirements,
+}
+
+impl PlannedState {
+    /// The state of `warp`, the plan of a run of `case`, on the points of that plan.
+    pub fn of_plan(warp: &WarpPlan, bounds: &Bounds, case: &Case) -> Self {
+        Self {
+            series: warp.series.clone(),
+            profile: warp.profile.as_ref().map_or(String::new(), ToString::to_string),
+            point: warp.readings[0].point,
+            points: points(&warp.series),
+            state_tolerance: warp.state_tolerance,
+            field_tolerance: case.warp.share * case.tolerance,
+            reach: reach(bounds, case),
+        }
+    }
+
+    /// The same state in a register, which has a power of two of points.
+    pub fn in_register(self) -> Self {
+        Self { points: self.points.next_power_of_two(), ..self }
+    }
+
+    /// The measurement of the state with these norms, for an error `tolerance` of the field.
+    pub fn measurement(&self, norms: StateNorms, tolerance: f64) -> PlannedMeasurement {
+        const NORMS: &str = "norms of the classical solution, 3 digits";
+        let estimate = |x: f64| LabelledNumber::estimate(x, NORMS);
+        let probabilities = Probabilities::new(self, norms, &estimate);
+        let requirements = self.requirements(&probabilities.amplitude(), tolerance);
+        PlannedMeasurement { probabilities, requirements }
+    }
+
+    /// The requirements of an evolution of the state. The error `tolerance` of the field is one of
+    /// the whole state that is `amplitude` times as large, `√P`.
+    pub fn requirements(
+        &self,
+        amplitude: &LabelledNumber,
+        tolerance: f64,
+    ) -> EvolutionRequirements {
+        let part = evolution_part(self.points > 1);
+        EvolutionRequirements {
+            highest: self.series.wavenumber(self.series.modes() - 1),
+            points: self.points,
+            period: self.series.period,
+            tolerance: amplitude.times(&LabelledNumber::exact(part * tolerance)),
+        }
     }
 
     /// Distance of two points.
@@ -304,7 +355,7 @@ impl<'a> PlannedState<'a> {
 
     /// `C_w`.
     fn norm(&self, norms: &StateNorms) -> f64 {
-        norms.start * (self.points as f64 * square_sum(self.series)).sqrt()
+        norms.start * (self.points as f64 * square_sum(&self.series)).sqrt()
     }
 
     /// `P_p` of the slice at `p◇`.
@@ -324,8 +375,13 @@ impl<'a> PlannedState<'a> {
     pub fn most_probable(&self, norms: &StateNorms) -> f64 {
         let in_p = self.in_slice(norms) * self.in_slices(f64::INFINITY);
         let all = PostselectionChain::new(in_p, norms, &LabelledNumber::bound).all;
-        all.value().unwrap_or(f64::NAN)
+        all.or_nan()
     }
+}
+
+/// `Λ⁺` and `Λ⁻` of `case` with these bounds.
+pub fn reach(bounds: &Bounds, case: &Case) -> [f64; 2] {
+    [bounds.growth, bounds.decay].map(|rate| rate * case.duration())
 }
 
 impl Probabilities {
@@ -378,11 +434,11 @@ impl Probabilities {
     /// The probabilities of a planned state with these norms. `label` makes labelled numbers of
     /// those that follow from the norms and are as accurate as they are.
     pub fn new(
-        planned: &PlannedState<'_>,
+        planned: &PlannedState,
         norms: StateNorms,
         label: &dyn Fn(f64) -> LabelledNumber,
     ) -> Self {
-        let PlannedState { bounds, series, point, state_tolerance, time, points } = *planned;
+        let PlannedState { ref series, point, points, state_tolerance, reach, .. } = *planned;
         let (norm, slice) = (planned.norm(&norms), planned.in_slice(&norms));
         let decayed = (!slice.is_finite()).then_some("the field has decayed to zero");
         if let Some(why) = norms.no_field().or(decayed) {
@@ -403,8 +459,7 @@ impl Probabilities {
             return Self::of_one_mode(norm, norms, label);
         }
         // The grid of points is taken to have one at p◇: its origin is free.
-        let lambda = [bounds.growth * time, bounds.decay * time];
-        let deviation = Deviation::new(series, point, lambda);
+        let deviation = Deviation::new(series, point, reach);
         let limit = WINDOW * state_tolerance;
         let found = deviation.window_end(limit).map(|end| deviation.within(end, limit));
         let end = found.map(|[end, _]| end);
@@ -413,7 +468,7 @@ impl Probabilities {
             PostselectionChain::new(slice * planned.in_slices(slices), &norms, label)
         });
         let at_slice = PostselectionChain::new(slice, &norms, label);
-        let all = at_slice.all.value().unwrap_or(f64::NAN);
+        let all = at_slice.all.or_nan();
         Self {
             points,
             recovery: point,

@@ -300,7 +300,7 @@ fn fastest_stepping(upwind: &[Candidate], title: &str, accuracy: f64) -> Classic
             ClassicalMethod { degree: Some(*degree), ..ClassicalMethod::unavailable(NAME, why) }
         }
     });
-    let seconds = |method: &ClassicalMethod| method.seconds.value().unwrap_or(f64::INFINITY);
+    let seconds = |method: &ClassicalMethod| method.seconds.or_infinite();
     let least = all.min_by(|a, b| seconds(a).total_cmp(&seconds(b)));
     least.unwrap_or_else(|| ClassicalMethod::unavailable(NAME, title))
 }

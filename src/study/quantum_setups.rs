@@ -7,14 +7,13 @@ use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Delta};
 use crate::quantum::optimise::candidate::{CostedChoice, System};
-use crate::quantum::optimise::pricing::{PLANNED, preparation};
+use crate::quantum::optimise::pricing::{PLANNED, planned_state};
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::optimise::{UNITS, choices, deltas, scheme_of, unitary_of};
 use crate::quantum::planned_modes;
+use crate::quantum::probability::PlannedState;
 use crate::quantum::resources::settings::{PlannedSetUp, SetUpSettings};
-use crate::quantum::resources::{
-    Preparation, ResourceCounts, SetupComparison, UnitaryCosts, accesses,
-};
+use crate::quantum::resources::{ResourceCounts, SetupComparison, UnitaryCosts, accesses};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::{RoughSolution, StateNorms};
@@ -68,14 +67,14 @@ pub fn ranked(world: &World, case: &Case, synthesis: RotationSynthesis) -> Resul
         false => unitary(world, case, rough.norms, synthesis).ok(),
     };
     progress.finish();
-    all.extend(other.and_then(|unitary| CostedChoice::unitary(&unitary.costs)));
+    all.extend(other.and_then(|unitary| CostedChoice::unitary(&unitary.by_access.costs)));
     Ok(Ranking::new(all))
 }
 
 /// The counts of the cheapest set-up and of the case's own. Collective.
 ///
 /// # Errors
-/// As [`Prepared::new`], [`Prepared::plan_modes`], [`ResourceCounts::new`] and [`preparation`].
+/// As [`Prepared::new`], [`Prepared::plan_modes`], [`ResourceCounts::new`] and [`planned_state`].
 pub fn compared(
     world: &World,
     case: &Case,
@@ -85,8 +84,8 @@ pub fn compared(
     let ProbedCase { prepared, rough } = ProbedCase::new(world, case)?;
     let prepared = prepared.plan_modes(world, &Resources::here(world), rough.ratio)?;
     let warp = planned_modes(&case.name, &prepared.plan)?;
-    let planned = Preparation::of_plan(warp, case.warp.share * case.tolerance);
-    let own = ResourceCounts::new(&prepared, planned, rough.norms, synthesis)?;
+    let state = PlannedState::of_plan(warp, &prepared.bounds, case);
+    let own = ResourceCounts::new(&prepared, state, rough.norms, synthesis)?;
     drop(prepared);
     progress.advance(UNITS_OF_SYSTEM);
     let RankedSystem { ranking, last } = optimised(world, case, synthesis, &mut progress)?;
@@ -156,7 +155,7 @@ impl CountedChoice {
     /// Collective.
     ///
     /// # Errors
-    /// As [`Prepared::new`] and [`preparation`].
+    /// As [`Prepared::new`] and [`planned_state`].
     fn new(
         world: &World,
         choice: &CostedChoice,
@@ -172,14 +171,14 @@ impl CountedChoice {
             _ => last,
         };
         prepared.case = choice.of(&prepared.case, &prepared.bounds);
-        let planned = preparation(&prepared.case, &prepared.bounds, rough.ratio)?;
-        let counts = ResourceCounts::new(&prepared, planned, rough.norms, synthesis)?;
+        let state = planned_state(&prepared.case, &prepared.bounds, rough.ratio)?;
+        let counts = ResourceCounts::new(&prepared, state, rough.norms, synthesis)?;
         let planned = PlannedSetUp {
             points: counts.points,
             period: counts.period,
             recovery: counts.probabilities.recovery,
             share: PLANNED,
-            bin_bits: counts.rounding.as_ref().map(|rounding| rounding.bin_bits),
+            bin_bits: counts.by_access.rounding.as_ref().map(|rounding| rounding.bin_bits),
         };
         let settings = SetUpSettings::new(&prepared.case, &planned);
         Ok(Self { counts, settings })

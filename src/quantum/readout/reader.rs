@@ -307,7 +307,7 @@ impl ReadoutContext<'_> {
 
     /// The probability `P` of the window or the slice that is read; NaN where it is not known.
     fn probability(&self) -> f64 {
-        self.source.probabilities.nearest().all.value().unwrap_or(f64::NAN)
+        self.source.probabilities.nearest().all.or_nan()
     }
 
     /// Why `|overlap|²` does not give the observable: its sign is not known. `None` if it does.

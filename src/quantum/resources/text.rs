@@ -17,8 +17,9 @@ impl SetupComparison {
     /// Writes the costs of all set-ups. Those that are one mode and cost what the unitary scheme
     /// does appear once, by its name.
     pub fn costs(&self) -> CostTable<'_> {
-        let of_unitary = self.unitary.as_ref().map(|unitary| ("unitary", &unitary.costs));
-        let all = [("cheapest", &self.cheapest.costs), ("own", &self.own.costs)];
+        let of_unitary = self.unitary.as_ref().map(|unitary| ("unitary", &unitary.by_access.costs));
+        let all =
+            [("cheapest", &self.cheapest.by_access.costs), ("own", &self.own.by_access.costs)];
         let others = all.iter().filter(|(_, costs)| of_unitary.is_none_or(|(_, of)| of != *costs));
         let rows = (others.chain(&of_unitary))
             .flat_map(|(name, costs)| costs.iter().map(move |cost| (*name, cost)));
@@ -28,15 +29,17 @@ impl SetupComparison {
     /// Whether all set-ups cost the same: they are one mode, the unitary scheme's.
     fn is_unitary(&self) -> bool {
         let Some(unitary) = &self.unitary else { return false };
-        unitary.costs == self.own.costs && unitary.costs == self.cheapest.costs
+        unitary.by_access.costs == self.own.by_access.costs
+            && unitary.by_access.costs == self.cheapest.by_access.costs
     }
 
     /// The reasons of what is missing in the comparison, one line each.
     fn reasons(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let of_unitary = self.unitary.as_ref().and_then(|unitary| unitary.no_circuit.clone());
+        let of_unitary =
+            self.unitary.as_ref().and_then(|unitary| unitary.by_access.no_circuit.clone());
         for (what, why) in [
-            ("no circuit", &self.cheapest.no_circuit),
-            ("no circuit of the case's own set-up", &self.own.no_circuit),
+            ("no circuit", &self.cheapest.by_access.no_circuit),
+            ("no circuit of the case's own set-up", &self.own.by_access.no_circuit),
             ("no circuit of the unitary scheme", &of_unitary),
             ("no unitary scheme", &self.not_unitary),
             ("the cheapest set-up is the case's own", &self.cheapest_is_own),
@@ -68,8 +71,8 @@ impl fmt::Display for SetupComparison {
             )?;
         }
         let set_ups = [
-            ("the cheapest set-up", &self.cheapest.rounding),
-            ("the unitary scheme", unitary.map_or(&None, |unitary| &unitary.rounding)),
+            ("the cheapest set-up", &self.cheapest.by_access.rounding),
+            ("the unitary scheme", unitary.map_or(&None, |unitary| &unitary.by_access.rounding)),
         ];
         for (name, rounding) in set_ups.iter().skip(usize::from(self.is_unitary())) {
             let Some(JumpRounding { bin_bits, rounded, change }) = rounding else { continue };
@@ -78,7 +81,7 @@ impl fmt::Display for SetupComparison {
                 "circuits of {name} divide a level of dv^2/2 into 2^{bin_bits} bins \
                  (export-circuit --sub-bins {bin_bits}); jumps move by {rounded:.1e} levels or \
                  less, which changes A by at most {}",
-                short(change.value().unwrap_or(f64::NAN))
+                short(change.or_nan())
             )?;
         }
         self.reasons(f)?;
@@ -176,8 +179,7 @@ impl ResourceCounts {
     /// The error of the field and its parts.
     fn errors(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let errors = &self.error_budget;
-        let part =
-            |number: &LabelledNumber| short(rounded(number.value().unwrap_or(f64::NAN), 1e-3));
+        let part = |number: &LabelledNumber| short(rounded(number.or_nan(), 1e-3));
         writeln!(
             f,
             "{:<WIDTH$}{}  upper bound, in tolerances: {} profile and window, {} series, {} \
