@@ -10,7 +10,7 @@ use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, ExportKind, ExportOwner};
-use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
+use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, circuit_case};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::optimise::scheme_of;
@@ -94,7 +94,7 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// Compiles the block encoding of a case and prints its counts of gates and qubits. Collective.
 ///
 /// # Errors
-/// As [`Purpose::refuse`], [`scene::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],
+/// As [`Purpose::refuse`], [`circuit_case::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],
 /// [`ResourceCounts::new`], [`CompiledCircuit::new`] and [`CompiledCircuit::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
@@ -103,7 +103,7 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let directory = output(world, &args.export, &owner, &names, &case.name)?;
     Purpose::Counts.refuse(&case)?;
     let (case, about_interface) = on_a_quantum_computer(case);
-    scene::refuse(&case)?;
+    circuit_case::refuse(&case)?;
     let (mut prepared, here) = assembled(world, &case)?;
     let RoughSolution { ratio, norms } = prepared.rough_solution();
     let prepared = prepared.plan_modes(world, &here, ratio)?;

@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`scene`] | which cases have a circuit; from a case to whole numbers |
+//! | [`circuit_case`] | which cases have a circuit; from a case to whole numbers |
 //! | [`transport`] | these whole numbers, forces, modes and levels |
 //! | [`interface`] | the block encoding, with its mathematics |
 //! | [`force`] | the terms of forces in it |
@@ -29,13 +29,13 @@
 
 pub mod amplification;
 pub mod arithmetic;
+pub mod circuit_case;
 pub mod description;
 pub mod evolution;
 pub mod force;
 pub mod formats;
 pub mod gates;
 pub mod interface;
-pub mod scene;
 pub mod simulate;
 #[cfg(test)]
 mod tests;
@@ -46,11 +46,11 @@ use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::quantum::access::{Scratch, SparseAccess, extremes};
+use crate::quantum::circuit::circuit_case::{Bins, CircuitCase};
 use crate::quantum::circuit::description::{
     Check, CircuitDescription, EvolutionDescription, RotationSequence, SparseAccessCost,
 };
 use crate::quantum::circuit::gates::{Circuit, RegisterRole};
-use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::simulate::block_column;
 use crate::quantum::circuit::transport::{CircuitModes, Levels, ModeWeights};
 use crate::quantum::labelled_number::LabelledNumber;

@@ -24,8 +24,8 @@ pub mod table;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::quantum::access::LargestEntries;
+use crate::quantum::circuit::circuit_case::{self, Bins, CircuitCase};
 use crate::quantum::circuit::gates::GateCounts;
-use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
 use crate::quantum::circuit::transport::{
     CaseTransport, CircuitModes, Levels, ModeWeights, bits_of,
 };
@@ -235,7 +235,7 @@ impl Accesses {
         synthesis: RotationSynthesis,
     ) -> Self {
         let time = case.duration();
-        let circuit = scene::refuse(case)
+        let circuit = circuit_case::refuse(case)
             .and_then(|()| CircuitCase::new(case, Bins::Within(rounding / time)))
             .map_err(|error| case.reason(&error));
         let counts = RefCell::default();

@@ -90,10 +90,7 @@ pub fn names(fields: &[LiouvilleField]) -> Vec<String> {
 /// Writes the files into `directory`; the whole grid is on this rank.
 ///
 /// # Errors
-/// As [`disk::make`], [`disk::write`] and [`exported::write`]; [`Error::Formula`] where a formula is
-/// not finite.
-///
-/// [`Error::Formula`]: crate::base::error::Error::Formula
+/// As [`disk::write`] and [`exported::write`]; as [`Scheme::inflow_is_finite`].
 pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
     let Prepared { case, system, .. } = prepared;
     disk::make(directory)?;

@@ -60,8 +60,8 @@ const LEAST_SHARE: f64 = 1e-3;
 const QUADRATURE: &str = "quadrature over characteristics";
 const MONTE_CARLO: &str = "Monte Carlo over characteristics";
 /// The reason why nothing is traced where `V` reflects in part.
-const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V; all \
-                        branches are too many, and ways that draw one are not built";
+const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V; \
+                        there are too many to follow all, and none is drawn at random";
 
 impl EndToEnd {
     /// The task of `case` to a relative error `accuracy` of the density, with T gates of rotations

@@ -3,8 +3,8 @@
 use super::*;
 use crate::matrix::bounds::Bounds;
 use crate::quantum::access::LargestEntries;
+use crate::quantum::circuit::circuit_case::{Bins, CircuitCase};
 use crate::quantum::circuit::gates::{Circuit, Gate, RegisterRole};
-use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::cost::Accesses;
 use crate::quantum::labelled_number::LabelledNumber;
