@@ -196,11 +196,10 @@ struct CircuitAccess<'a> {
 impl CircuitAccess<'_> {
     /// The modes that it acts on; a single mode if the matrix is `skew`.
     fn modes(&self, requirements: &EvolutionRequirements, skew: bool) -> CircuitModes {
+        let EvolutionRequirements { points, period, highest, .. } = *requirements;
         match skew {
             true => CircuitModes::One(0.0),
-            false => self
-                .weights
-                .of_register(requirements.points, requirements.period, requirements.highest),
+            false => self.weights.of_register(points, period, highest),
         }
     }
 }

@@ -425,7 +425,7 @@ impl Probabilities {
             norms,
             window: None,
             window_error: None,
-            norm_of_field: label(norm * at_slice.all.value().map_or(f64::NAN, f64::sqrt)),
+            norm_of_field: label(norm * at_slice.all.or_nan().sqrt()),
             at_slice,
             in_window: PostselectionChain::unavailable("one mode has no register of p"),
         }
