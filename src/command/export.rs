@@ -15,7 +15,7 @@ use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::optimise::scheme_of;
 use crate::quantum::probability::PlannedState;
-use crate::quantum::purpose::Purpose;
+use crate::quantum::purpose::CasePurpose;
 use crate::quantum::resources::ResourceCounts;
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::{export, matrices, planned_modes};
@@ -73,13 +73,13 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
 /// Exports the matrices of a case and prints how large they are. Collective.
 ///
 /// # Errors
-/// As [`Purpose::refuse`], [`Prepared::new`] and [`matrices::export`].
+/// As [`CasePurpose::refuse`], [`Prepared::new`] and [`matrices::export`].
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let names = matrices::names(&case.fields);
     let owner = ExportOwner::new(ExportKind::Matrix, &case.settings);
     let directory = output(world, args, &owner, &names, &case.name)?;
-    Purpose::Matrices.refuse(&case)?;
+    CasePurpose::Matrices.refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
     let written = world.group().on_first_rank(|| matrices::export(&prepared, &directory))?;
     let MatrixCounts { cells, unknowns, entries } = written;
@@ -94,14 +94,15 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// Compiles the block encoding of a case and prints its counts of gates and qubits. Collective.
 ///
 /// # Errors
-/// As [`Purpose::refuse`], [`circuit_case::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],
-/// [`ResourceCounts::new`], [`CompiledCircuit::new`] and [`CompiledCircuit::write`].
+/// As [`CasePurpose::refuse`], [`circuit_case::refuse`], [`Prepared::new`],
+/// [`Prepared::plan_modes`], [`ResourceCounts::new`], [`CompiledCircuit::new`] and
+/// [`CompiledCircuit::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
     let owner = ExportOwner::new(ExportKind::Circuit, &case.settings);
     let names = NAMES.map(str::to_owned);
     let directory = output(world, &args.export, &owner, &names, &case.name)?;
-    Purpose::Counts.refuse(&case)?;
+    CasePurpose::Counts.refuse(&case)?;
     let (case, about_interface) = on_a_quantum_computer(case);
     circuit_case::refuse(&case)?;
     let (mut prepared, here) = assembled(world, &case)?;

@@ -7,7 +7,7 @@ use crate::command::loading::load;
 use crate::command::printing::{print, print_json, print_unwrapped};
 use crate::parallel::communicator::World;
 use crate::quantum::optimise::ranking::Ranking;
-use crate::quantum::purpose::Purpose;
+use crate::quantum::purpose::CasePurpose;
 use crate::study::end_to_end::EndToEnd;
 use crate::study::quantum_setups::{compared, ranked};
 use serde::Serialize;
@@ -21,7 +21,7 @@ const TEX_HEAD: &str = "% Written by phasewarp resources. x exact, g emitted gat
 /// choices, with `--accuracy` the cost from end to end. Collective.
 ///
 /// # Errors
-/// As [`Purpose::refuse`], [`compared`], [`ranked`] and [`EndToEnd::new`]; [`Error::Input`] for
+/// As [`CasePurpose::refuse`], [`compared`], [`ranked`] and [`EndToEnd::new`]; [`Error::Input`] for
 /// `--optimise` or `--accuracy` in a format that holds one choice.
 pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
     let case = load(world, &args.case)?;
@@ -33,7 +33,7 @@ pub fn execute(world: &World, args: &ResourcesArgs) -> Result<()> {
              qref hold only one"
         )));
     }
-    Purpose::Counts.refuse(&case)?;
+    CasePurpose::Counts.refuse(&case)?;
     let synthesis = args.t_of_rotation;
     if let Some(accuracy) = args.accuracy {
         let found = EndToEnd::new(world, &case, accuracy, synthesis)?;

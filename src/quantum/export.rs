@@ -49,7 +49,7 @@ use crate::quantum::export::complete::{
 use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid, norm, real};
 use crate::quantum::matrices::{MatrixMarket, Symmetry};
 use crate::quantum::planned_modes;
-use crate::quantum::purpose::Purpose;
+use crate::quantum::purpose::CasePurpose;
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::DiscreteSystem;
@@ -131,9 +131,9 @@ pub const NAMES: [&str; 11] = [
 /// Refuses what cannot be exported, before it is assembled.
 ///
 /// # Errors
-/// As [`Purpose::refuse`]; [`Error::Input`] for an axis whose cells are no power of two.
+/// As [`CasePurpose::refuse`]; [`Error::Input`] for an axis whose cells are no power of two.
 pub fn refuse(case: &Case) -> Result<()> {
-    Purpose::States.refuse(case)?;
+    CasePurpose::States.refuse(case)?;
     let names = crate::problem::grid::axis_names(case.space.dimension());
     for (name, axis) in names.iter().zip(case.space.axes()) {
         if !axis.cells.is_power_of_two() {

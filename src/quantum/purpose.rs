@@ -6,7 +6,7 @@ use crate::quantum::readout::MEASURE_VALUED;
 
 /// The use of a case on the quantum side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
+pub enum CasePurpose {
     /// Counts of queries, gates and qubits.
     Counts,
     /// Files of states, `H` and circuits.
@@ -37,7 +37,7 @@ impl Obstacle {
     }
 }
 
-impl Purpose {
+impl CasePurpose {
     /// Why `case` does not serve this purpose; `None` if it does.
     pub fn why_not(self, case: &Case) -> Option<String> {
         Some(self.sentence(self.obstacle(case)?, case))

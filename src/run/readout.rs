@@ -2,7 +2,7 @@
 
 use crate::problem::case::Case;
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::purpose::Purpose;
+use crate::quantum::purpose::CasePurpose;
 use crate::quantum::readout::Readout;
 use crate::quantum::readout::reader::ReadoutSource;
 use crate::results::summary::Summary;
@@ -17,7 +17,7 @@ pub(crate) fn readout(
     summary: &Summary,
 ) -> Readout {
     let rank_cells = &prepared.rank_cells;
-    let probabilities = match (Purpose::Readout.why_not(case), &summary.probabilities) {
+    let probabilities = match (CasePurpose::Readout.why_not(case), &summary.probabilities) {
         (None, Some(probabilities)) => probabilities,
         (why, _) => {
             return Readout::unavailable(
