@@ -89,7 +89,7 @@ pub fn store(world: &World, given: &Case, found: &Case, directory: &Path) -> Res
     world.group().on_first_rank(write)
 }
 
-/// Refuses a directory with a file named [`CHOICE`] that no run wrote. Collective.
+/// Refuses a directory with an `accuracy.json` that no run wrote. Collective.
 ///
 /// # Errors
 /// [`Error::Directory`], the same on all ranks.
