@@ -10,6 +10,7 @@
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
+//! | [`purpose`] | which cases each use of the quantum side refuses |
 //! | [`phases`] | the rotations of `e^{−iτH}` by generalised quantum signal processing |
 //! | [`synthesis`] | T gates of rotations, by a model |
 //! | [`surface_code`] | physical qubits, under stated assumptions |
@@ -36,6 +37,7 @@ pub mod matrices;
 pub mod optimise;
 pub mod phases;
 pub mod probability;
+pub mod purpose;
 pub mod readout;
 pub mod resources;
 pub mod sparsity;

@@ -4,7 +4,7 @@ use crate::base::version::VERSION;
 use crate::command::values::{
     RankNumbers, accuracy, bytes, duration, ranks, refinement, synthesis, wavenumber,
 };
-use crate::quantum::circuit::scene::MOST_ROUNDED_BITS;
+use crate::quantum::circuit::circuit_case::MOST_ROUNDED_BITS;
 use crate::quantum::circuit::transport::{Levels, ModeWeights};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::study::stability::panel::PanelName;

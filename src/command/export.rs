@@ -6,16 +6,17 @@ use crate::base::text::{rounded, short};
 use crate::command::cli::{CircuitArgs, ExportArgs, QuantumArgs};
 use crate::command::loading::{default_directory, load};
 use crate::command::printing::print;
-use crate::command::resources::has_counts;
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::problem::exported::{self, ExportKind, ExportOwner};
-use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, scene};
+use crate::quantum::circuit::{CircuitChoice, CompiledCircuit, NAMES, circuit_case};
 use crate::quantum::export::Export;
 use crate::quantum::matrices::MatrixCounts;
 use crate::quantum::optimise::scheme_of;
-use crate::quantum::resources::{Preparation, Record};
+use crate::quantum::probability::PlannedState;
+use crate::quantum::purpose::CasePurpose;
+use crate::quantum::resources::ResourceCounts;
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::{export, matrices, planned_modes};
 use crate::solve::prepared::Prepared;
@@ -72,13 +73,13 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
 /// Exports the matrices of a case and prints how large they are. Collective.
 ///
 /// # Errors
-/// As [`matrices::refuse`], [`Prepared::new`] and [`matrices::export`].
+/// As [`CasePurpose::refuse`], [`Prepared::new`] and [`matrices::export`].
 pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     let names = matrices::names(&case.fields);
     let owner = ExportOwner::new(ExportKind::Matrix, &case.settings);
     let directory = output(world, args, &owner, &names, &case.name)?;
-    matrices::refuse(&case)?;
+    CasePurpose::Matrices.refuse(&case)?;
     let (prepared, _) = assembled(world, &case)?;
     let written = world.group().on_first_rank(|| matrices::export(&prepared, &directory))?;
     let MatrixCounts { cells, unknowns, entries } = written;
@@ -93,22 +94,23 @@ pub fn matrix(world: &World, args: &ExportArgs) -> Result<()> {
 /// Compiles the block encoding of a case and prints its counts of gates and qubits. Collective.
 ///
 /// # Errors
-/// As `has_counts`, [`scene::refuse`], [`Prepared::new`], [`Prepared::plan_modes`],
-/// [`Record::new`], [`CompiledCircuit::new`] and [`CompiledCircuit::write`].
+/// As [`CasePurpose::refuse`], [`circuit_case::refuse`], [`Prepared::new`],
+/// [`Prepared::plan_modes`], [`ResourceCounts::new`], [`CompiledCircuit::new`] and
+/// [`CompiledCircuit::write`].
 pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
     let case = load(world, &args.export.case)?;
     let owner = ExportOwner::new(ExportKind::Circuit, &case.settings);
     let names = NAMES.map(str::to_owned);
     let directory = output(world, &args.export, &owner, &names, &case.name)?;
-    has_counts(&case)?;
+    CasePurpose::Counts.refuse(&case)?;
     let (case, about_interface) = on_a_quantum_computer(case);
-    scene::refuse(&case)?;
+    circuit_case::refuse(&case)?;
     let (mut prepared, here) = assembled(world, &case)?;
     let RoughSolution { ratio, norms } = prepared.rough_solution();
     let prepared = prepared.plan_modes(world, &here, ratio)?;
-    let field_tolerance = case.warp.share * case.tolerance;
-    let planned = Preparation::of_plan(planned_modes(&case.name, &prepared.plan)?, field_tolerance);
-    let record = Record::new(&prepared, planned, norms, RotationSynthesis::default())?;
+    let warp = planned_modes(&case.name, &prepared.plan)?;
+    let state = PlannedState::of_plan(warp, &prepared.bounds, &case);
+    let counts = ResourceCounts::new(&prepared, state, norms, RotationSynthesis::default())?;
     let choice = CircuitChoice {
         bin_bits: args.sub_bins.map(usize::from),
         levels: args.levels,
@@ -116,7 +118,7 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
         wavenumber: args.wavenumber,
         columns: args.check,
     };
-    let compiled = world.group().agree(CompiledCircuit::new(&prepared, &record, choice))?;
+    let compiled = world.group().agree(CompiledCircuit::new(&prepared, &counts, choice))?;
     world.group().on_first_rank(|| {
         compiled.write(&directory)?;
         exported::write(&directory, &owner)

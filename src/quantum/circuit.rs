@@ -2,7 +2,7 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`scene`] | which cases have a circuit; from a case to whole numbers |
+//! | [`circuit_case`] | which cases have a circuit; from a case to whole numbers |
 //! | [`transport`] | these whole numbers, forces, modes and levels |
 //! | [`interface`] | the block encoding, with its mathematics |
 //! | [`force`] | the terms of forces in it |
@@ -29,13 +29,13 @@
 
 pub mod amplification;
 pub mod arithmetic;
+pub mod circuit_case;
 pub mod description;
 pub mod evolution;
 pub mod force;
 pub mod formats;
 pub mod gates;
 pub mod interface;
-pub mod scene;
 pub mod simulate;
 #[cfg(test)]
 mod tests;
@@ -46,16 +46,16 @@ use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::quantum::access::{Scratch, SparseAccess, extremes};
+use crate::quantum::circuit::circuit_case::{Bins, CircuitCase};
 use crate::quantum::circuit::description::{
     Check, CircuitDescription, EvolutionDescription, RotationSequence, SparseAccessCost,
 };
 use crate::quantum::circuit::gates::{Circuit, RegisterRole};
-use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::simulate::block_column;
 use crate::quantum::circuit::transport::{CircuitModes, Levels, ModeWeights};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::phases::{NoPhases, Phases};
-use crate::quantum::resources::Record;
+use crate::quantum::resources::ResourceCounts;
 use crate::solve::prepared::Prepared;
 use num_complex::Complex64;
 use serde_json::json;
@@ -95,30 +95,34 @@ pub struct CompiledCircuit {
 pub const NAMES: [&str; 4] = ["interface.qasm", "circuit.json", "azure.json", "qref.json"];
 
 /// The modes of the circuit of `case`: one of the wavenumber of `choice`, the one mode of the
-/// unitary scheme, or a register of all modes of `record`.
-fn circuit_modes(case: &Case, record: &Record, choice: &CircuitChoice) -> CircuitModes {
+/// unitary scheme, or a register of all modes of `counts`.
+fn circuit_modes(case: &Case, counts: &ResourceCounts, choice: &CircuitChoice) -> CircuitModes {
     match choice.wavenumber {
         Some(mu) => CircuitModes::One(mu),
         // The unitary scheme: H = iK.
         None if case.flux == 0.0 => CircuitModes::One(0.0),
         None => {
-            let highest = record.setup.highest_wavenumber;
-            choice.mode_weights.of_register(record.points, record.period, highest)
+            let highest = counts.setup.highest_wavenumber;
+            choice.mode_weights.of_register(counts.points, counts.period, highest)
         }
     }
 }
 
 impl CompiledCircuit {
-    /// Compiles the circuit of a case whose whole grid is on this rank. `record` has the cost of
+    /// Compiles the circuit of a case whose whole grid is on this rank. `counts` has the cost of
     /// sparse access.
     ///
     /// # Errors
     /// As [`CircuitCase::new`]; [`Error::Input`] for a check that is too large.
-    pub fn new(prepared: &Prepared, record: &Record, choice: CircuitChoice) -> Result<Self> {
+    pub fn new(
+        prepared: &Prepared,
+        counts: &ResourceCounts,
+        choice: CircuitChoice,
+    ) -> Result<Self> {
         let Prepared { case, system, .. } = prepared;
         let bins = choice.bin_bits.map_or(Bins::Whole, Bins::Given);
         let CircuitCase { transport, rounded, change } = CircuitCase::new(case, bins)?;
-        let modes = circuit_modes(case, record, &choice);
+        let modes = circuit_modes(case, counts, &choice);
         let (time, levels) = (case.duration(), choice.levels);
         let alpha = transport.alpha(modes, levels);
         let circuit = transport.encode(modes, levels, false);
@@ -127,13 +131,13 @@ impl CompiledCircuit {
         // The unitary scheme's one mode is the field, whatever the profile.
         let walk_tolerance = match case.flux {
             0.0 => LabelledNumber::exact(case.tolerance),
-            _ => record.walk_tolerance.clone(),
+            _ => counts.walk_tolerance.clone(),
         };
         let tolerance = walk_tolerance.value().unwrap_or(case.tolerance);
         let (highest, alpha_of_highest) = match modes {
             CircuitModes::One(mu) | CircuitModes::Rotated { highest: mu, .. } => (mu, None),
             CircuitModes::Register { .. } => {
-                let highest = record.setup.highest_wavenumber;
+                let highest = counts.setup.highest_wavenumber;
                 (highest, Some(transport.alpha(CircuitModes::One(highest), levels)))
             }
         };

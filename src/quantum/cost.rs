@@ -24,8 +24,8 @@ pub mod table;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::quantum::access::LargestEntries;
+use crate::quantum::circuit::circuit_case::{self, Bins, CircuitCase};
 use crate::quantum::circuit::gates::GateCounts;
-use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
 use crate::quantum::circuit::transport::{
     CaseTransport, CircuitModes, Levels, ModeWeights, bits_of,
 };
@@ -161,7 +161,7 @@ pub struct EvolutionRequirements {
 }
 
 impl EvolutionRequirements {
-    /// The demand of the unitary scheme: one mode, and no register of `p`.
+    /// The requirements of the unitary scheme: one mode, and no register of `p`.
     pub fn unitary(tolerance: LabelledNumber) -> Self {
         Self { highest: 0.0, points: 1, period: 1.0, tolerance }
     }
@@ -195,10 +195,11 @@ struct CircuitAccess<'a> {
 
 impl CircuitAccess<'_> {
     /// The modes that it acts on; a single mode if the matrix is `skew`.
-    fn modes(&self, demand: &EvolutionRequirements, skew: bool) -> CircuitModes {
+    fn modes(&self, requirements: &EvolutionRequirements, skew: bool) -> CircuitModes {
+        let EvolutionRequirements { points, period, highest, .. } = *requirements;
         match skew {
             true => CircuitModes::One(0.0),
-            false => self.weights.of_register(demand.points, demand.period, demand.highest),
+            false => self.weights.of_register(points, period, highest),
         }
     }
 }
@@ -233,7 +234,7 @@ impl Accesses {
         synthesis: RotationSynthesis,
     ) -> Self {
         let time = case.duration();
-        let circuit = scene::refuse(case)
+        let circuit = circuit_case::refuse(case)
             .and_then(|()| CircuitCase::new(case, Bins::Within(rounding / time)))
             .map_err(|error| case.reason(&error));
         let counts = RefCell::default();
@@ -266,11 +267,11 @@ impl Accesses {
     /// by amplitude amplification.
     pub fn costs(
         &self,
-        demand: &EvolutionRequirements,
+        requirements: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> Vec<Cost> {
-        let sparse = self.by_oracles(demand, evolutions).cost;
-        let circuits = self.circuits().map(|it| self.by_circuit(&it, demand, evolutions));
+        let sparse = self.by_oracles(requirements, evolutions).cost;
+        let circuits = self.circuits().map(|it| self.by_circuit(&it, requirements, evolutions));
         std::iter::once(sparse).chain(circuits).collect()
     }
 
@@ -290,16 +291,16 @@ impl Accesses {
     /// and by amplitude amplification.
     pub fn least(
         &self,
-        demand: &EvolutionRequirements,
+        requirements: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> LeastCost {
-        let LeastCost { mut cost, queries } = self.by_oracles(demand, evolutions);
+        let LeastCost { mut cost, queries } = self.by_oracles(requirements, evolutions);
         for circuit in self.circuits() {
             // A table of rotations is not emitted where its rotations alone are too many.
-            if self.rotations_alone(&circuit, demand, evolutions) > cost.least() {
+            if self.rotations_alone(&circuit, requirements, evolutions) > cost.least() {
                 continue;
             }
-            let next = self.by_circuit(&circuit, demand, evolutions);
+            let next = self.by_circuit(&circuit, requirements, evolutions);
             if next.least() < cost.least() {
                 cost = next;
             }
@@ -311,43 +312,43 @@ impl Accesses {
     fn rotations_alone(
         &self,
         circuit: &CircuitAccess<'_>,
-        demand: &EvolutionRequirements,
+        requirements: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> f64 {
         if circuit.weights == ModeWeights::Sum {
             return 0.0;
         }
-        let number = |figure: &LabelledNumber| figure.value().unwrap_or_default();
-        let tau = circuit.transport.alpha(circuit.modes(demand, self.skew), circuit.levels);
+        let tau = circuit.transport.alpha(circuit.modes(requirements, self.skew), circuit.levels);
         let tau = tau * self.time;
-        let evolution = WalkCost::new(&LabelledNumber::exact(tau), &demand.tolerance);
-        let degree = number(&evolution.degree);
+        let evolution = WalkCost::new(&LabelledNumber::exact(tau), &requirements.tolerance);
+        let degree = evolution.degree.or_zero();
         let calls = calls_both_ways(degree, tau).min(2.0 * degree);
-        let rotations = calls * (ROTATIONS_OF_A_MODE * demand.points) as f64;
-        let t = rotations * number(&self.synthesis.t_of_each(rotations, number(&demand.tolerance)));
-        let [repeated, amplified] = evolutions.each_ref().map(number);
+        let rotations = calls * (ROTATIONS_OF_A_MODE * requirements.points) as f64;
+        let t_of_each = self.synthesis.t_of_each(rotations, requirements.tolerance.or_zero());
+        let t = rotations * t_of_each.or_zero();
+        let [repeated, amplified] = evolutions.each_ref().map(LabelledNumber::or_zero);
         repeated.min(amplified) * t / T_OF_TOFFOLI_STATE
     }
 
     /// The cost by sparse access.
     fn by_oracles(
         &self,
-        demand: &EvolutionRequirements,
+        requirements: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> LeastCost {
         const GATES: &str = "n + m log2(m)^2 for each of 6 calls of the oracles, constants 1";
-        let alpha = self.entries.nonzeros as f64 * self.entries.largest(demand.highest);
+        let alpha = self.entries.nonzeros as f64 * self.entries.largest(requirements.highest);
         let tau = self.of_grid(LabelledNumber::exact(alpha * self.time));
-        let evolution = WalkCost::new(&tau, &demand.tolerance);
+        let evolution = WalkCost::new(&tau, &requirements.tolerance);
         let queries = OracleQueries::new(&evolution, evolutions);
-        let of_p = if self.skew { 0 } else { bits_of(demand.points) };
+        let of_p = if self.skew { 0 } else { bits_of(requirements.points) };
         let system = self.qubits + of_p;
-        let bits = evolution.bits.value().unwrap_or_default();
+        let bits = evolution.bits.or_zero();
         let gates = gates_factor(system as f64, bits);
         let a_step = LabelledNumber::model((LOCATION_CALLS + VALUE_CALLS) * gates, GATES);
         let walk = WalkRegisters::new(system, bits);
         let sequences = SequenceCounts::of_oracles(&evolution, &tau, &a_step, &walk);
-        let tolerance = demand.tolerance.value().unwrap_or_default();
+        let tolerance = requirements.tolerance.or_zero();
         let [evolution, half_calls] =
             sequences.map(|counts| counts.cost(self.synthesis, tolerance, evolutions));
         let cost = Cost {
@@ -373,28 +374,28 @@ impl Accesses {
     fn by_circuit(
         &self,
         circuit: &CircuitAccess<'_>,
-        demand: &EvolutionRequirements,
+        requirements: &EvolutionRequirements,
         evolutions: &[LabelledNumber; 2],
     ) -> Cost {
         let CircuitAccess { transport, weights, levels } = *circuit;
-        let modes = circuit.modes(demand, self.skew);
+        let modes = circuit.modes(requirements, self.skew);
         let access = match weights {
             ModeWeights::Sum => Access::Circuit(levels),
             ModeWeights::Rotations => Access::Rotated(levels),
         };
         let [call, controlled] =
-            *self.counts.borrow_mut().entry((demand.points, access)).or_insert_with(|| {
+            *self.counts.borrow_mut().entry((requirements.points, access)).or_insert_with(|| {
                 [false, true].map(|controlled| transport.encode(modes, levels, controlled).counts())
             });
         let alpha = transport.alpha(modes, levels);
         let [alpha, tau] =
             [alpha, alpha * self.time].map(|x| self.of_grid(LabelledNumber::exact(x)));
         let a_gate = self.of_grid(LabelledNumber::emitted(1.0));
-        let evolution = WalkCost::new(&tau, &demand.tolerance);
-        let tolerance = demand.tolerance.value().unwrap_or_default();
+        let evolution = WalkCost::new(&tau, &requirements.tolerance);
+        let tolerance = requirements.tolerance.or_zero();
         let costs = |counts: SequenceCounts| counts.cost(self.synthesis, tolerance, evolutions);
         let both = [&call, &controlled];
-        let forward = tau.value().unwrap_or_default();
+        let forward = tau.or_zero();
         let whole = costs(SequenceCounts::whole(&evolution, &controlled, &a_gate));
         Cost {
             access,

@@ -35,7 +35,7 @@ use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Communicator;
-use crate::problem::case::{Case, Data, Interface, Method};
+use crate::problem::case::{Case, Interface};
 use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::propagate::chebyshev::{Chebyshev, degree};
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState};
@@ -49,6 +49,7 @@ use crate::quantum::export::complete::{
 use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid, norm, real};
 use crate::quantum::matrices::{MatrixMarket, Symmetry};
 use crate::quantum::planned_modes;
+use crate::quantum::purpose::CasePurpose;
 use crate::schrodingerization::profile::series::Series;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::DiscreteSystem;
@@ -130,33 +131,16 @@ pub const NAMES: [&str; 11] = [
 /// Refuses what cannot be exported, before it is assembled.
 ///
 /// # Errors
-/// [`Error::Input`] with the key and what would do.
+/// As [`CasePurpose::refuse`]; [`Error::Input`] for an axis whose cells are no power of two.
 pub fn refuse(case: &Case) -> Result<()> {
-    let wrong = |what: &str| Err(Error::Input(format!("{}: {what}", case.name)));
-    if case.method == Method::Classical {
-        return wrong(
-            "solver.method = \"classical\" has no quantum algorithm; choose \"schrodingerized\"",
-        );
-    }
-    if !matches!(case.data, Data::Density) {
-        return wrong(
-            "initial.density: phi and psi of measure-valued data are separate states; \
-             initial.f is one",
-        );
-    }
-    if case.varies() {
-        return wrong(&format!("{} depends on t; H does not", case.inflow_key()));
-    }
-    if case.start.is_some() {
-        return wrong("initial.warped: a start u(0) g(p) is exported, and a file holds any");
-    }
+    CasePurpose::States.refuse(case)?;
     let names = crate::problem::grid::axis_names(case.space.dimension());
     for (name, axis) in names.iter().zip(case.space.axes()) {
         if !axis.cells.is_power_of_two() {
-            return wrong(&format!(
-                "{} cells along {name}; a register of qubits takes a power of two",
-                axis.cells
-            ));
+            return Err(Error::Input(format!(
+                "{}: {} cells along {name}; a register of qubits takes a power of two",
+                case.name, axis.cells
+            )));
         }
     }
     Ok(())

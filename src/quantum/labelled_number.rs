@@ -129,6 +129,21 @@ impl LabelledNumber {
         self.value
     }
 
+    /// The number; 0 where there is none.
+    pub fn or_zero(&self) -> f64 {
+        self.value.unwrap_or_default()
+    }
+
+    /// The number; infinite where there is none.
+    pub fn or_infinite(&self) -> f64 {
+        self.value.unwrap_or(f64::INFINITY)
+    }
+
+    /// The number; not a number where there is none.
+    pub fn or_nan(&self) -> f64 {
+        self.value.unwrap_or(f64::NAN)
+    }
+
     /// The number to three digits, with the letter of its label, for tables.
     pub fn marked(&self) -> String {
         self.marked_to(3)

@@ -17,8 +17,8 @@
 //! `(x1..xn, v1..vn)`, the last axis fastest.
 
 use crate::base::disk;
-use crate::base::error::{Error, Result};
-use crate::problem::case::{Case, LiouvilleField};
+use crate::base::error::Result;
+use crate::problem::case::LiouvilleField;
 use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::quantum::export::numpy;
 use crate::scheme::rows::{Row, Scheme};
@@ -87,26 +87,10 @@ pub fn names(fields: &[LiouvilleField]) -> Vec<String> {
     fixed.into_iter().chain(fields.iter().flat_map(vectors)).collect()
 }
 
-/// Refuses a case whose matrices are not all of it.
-///
-/// # Errors
-/// [`Error::Input`] with the key.
-pub fn refuse(case: &Case) -> Result<()> {
-    let wrong = |what: &str| Err(Error::Input(format!("{}: {what}", case.name)));
-    if case.varies() {
-        let inflow = case.inflow_key();
-        return wrong(&format!("{inflow} depends on t; b, which is exported, does not"));
-    }
-    if case.start.is_some() {
-        return wrong("initial.warped: the start is in that file; initial.f can be exported");
-    }
-    Ok(())
-}
-
 /// Writes the files into `directory`; the whole grid is on this rank.
 ///
 /// # Errors
-/// [`Error::Directory`], [`Error::Output`]; [`Error::Formula`] where a formula is not finite.
+/// As [`disk::write`] and [`exported::write`]; as [`Scheme::inflow_is_finite`].
 pub fn export(prepared: &Prepared, directory: &Path) -> Result<MatrixCounts> {
     let Prepared { case, system, .. } = prepared;
     disk::make(directory)?;

@@ -237,8 +237,7 @@ pub const UNITS: usize = 11;
 
 /// The cheapest set-up of every profile for one system, the profiles with their default parameters,
 /// and the case's own profile if it is given by a formula. A set-up that cannot be planned has the
-/// reason. Advances `progress`
-/// by [`UNITS`]. Collective.
+/// reason. Advances `progress` by [`UNITS`]. Collective.
 pub fn choices(system: &System<'_>, progress: &mut Progress) -> Vec<CostedChoice> {
     /// A family is not refined if its least cost on its grid exceeds the least of all by this
     /// factor.

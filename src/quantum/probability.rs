@@ -24,8 +24,11 @@
 //! window is within `ε_w` too.
 
 use crate::matrix::bounds::Bounds;
+use crate::problem::case::Case;
+use crate::quantum::cost::EvolutionRequirements;
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::schrodingerization::profile::series::Series;
+use crate::quantum::walk::evolution_part;
+use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::system::StateNorms;
 use num_complex::Complex64;
@@ -39,7 +42,7 @@ pub const WINDOW: f64 = 10.0;
 
 /// The postselections in order, and their cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Chain {
+pub struct PostselectionChain {
     /// `P_p`.
     pub in_p: LabelledNumber,
     /// `P_f`: the probability of the block of `f`, given the slice or window of `p`.
@@ -73,9 +76,9 @@ pub struct Probabilities {
     /// profile is planned for. A bound below 1 is within that tolerance.
     pub window_error: Option<f64>,
     /// Probabilities of the slice at `p◇`; they halve with every doubling of `N_p`.
-    pub at_slice: Chain,
+    pub at_slice: PostselectionChain,
     /// Probabilities of the window.
-    pub in_window: Chain,
+    pub in_window: PostselectionChain,
     /// `C_f` from the probability of the slice: the norm of the field as a quantum computer finds
     /// it.
     pub norm_of_field: LabelledNumber,
@@ -241,7 +244,7 @@ pub fn amplification_rounds(probability: f64) -> f64 {
     (std::f64::consts::FRAC_PI_4 / angle - 0.5 - ROUND_OFF).ceil().max(0.0)
 }
 
-impl Chain {
+impl PostselectionChain {
     fn new(in_p: f64, norms: &StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let state = norms.weighted.hypot(norms.auxiliary);
         let square = |a: f64, b: f64| (a / b) * (a / b);
@@ -273,28 +276,76 @@ impl Chain {
     }
 }
 
-/// The state that a run prepares, as its plan knows it.
-#[derive(Clone, Copy)]
-pub struct PlannedState<'a> {
-    /// Bounds of the generator.
-    pub bounds: &'a Bounds,
+/// A state that is planned to be measured: the one that a run prepares, or one of a choice of
+/// profile and recovery point.
+#[derive(Clone, Debug)]
+pub struct PlannedState {
     /// The profile as a series.
-    pub series: &'a Series,
+    pub series: Series,
+    /// The profile in words.
+    pub profile: String,
     /// `p◇`.
     pub point: f64,
-    /// The tolerance that the profile is planned for.
-    pub state_tolerance: f64,
-    /// `T`.
-    pub time: f64,
     /// Number of points in `p`: of the plan, or of the register that holds them.
     pub points: usize,
+    /// The tolerance that the profile is planned for.
+    pub state_tolerance: f64,
+    /// The tolerance of the field at `p◇`.
+    pub field_tolerance: f64,
+    /// `Λ⁺` and `Λ⁻`.
+    pub reach: [f64; 2],
 }
 
-impl<'a> PlannedState<'a> {
-    /// The state of `warp`, on `points` points.
-    pub fn of(warp: &'a WarpPlan, bounds: &'a Bounds, time: f64, points: usize) -> Self {
-        let (point, state_tolerance) = (warp.readings[0].point, warp.state_tolerance);
-        Self { bounds, series: &warp.series, point, state_tolerance, time, points }
+/// The measurement of a planned state.
+pub struct PlannedMeasurement {
+    /// The probabilities of measuring the field.
+    pub probabilities: Probabilities,
+    /// The requirements of the evolution, its tolerance being a part of that of the field.
+    pub requirements: EvolutionRequirements,
+}
+
+impl PlannedState {
+    /// The state of `warp`, the plan of a run of `case`, on the points of that plan.
+    pub fn of_plan(warp: &WarpPlan, bounds: &Bounds, case: &Case) -> Self {
+        Self {
+            series: warp.series.clone(),
+            profile: warp.profile.as_ref().map_or(String::new(), ToString::to_string),
+            point: warp.readings[0].point,
+            points: points(&warp.series),
+            state_tolerance: warp.state_tolerance,
+            field_tolerance: case.warp.share * case.tolerance,
+            reach: reach(bounds, case),
+        }
+    }
+
+    /// The same state in a register, which has a power of two of points.
+    pub fn in_register(self) -> Self {
+        Self { points: self.points.next_power_of_two(), ..self }
+    }
+
+    /// The measurement of the state with these norms, for an error `tolerance` of the field.
+    pub fn measurement(&self, norms: StateNorms, tolerance: f64) -> PlannedMeasurement {
+        const NORMS: &str = "norms of the classical solution, 3 digits";
+        let estimate = |x: f64| LabelledNumber::estimate(x, NORMS);
+        let probabilities = Probabilities::new(self, norms, &estimate);
+        let requirements = self.requirements(&probabilities.amplitude(), tolerance);
+        PlannedMeasurement { probabilities, requirements }
+    }
+
+    /// The requirements of an evolution of the state. The error `tolerance` of the field is one of
+    /// the whole state that is `amplitude` times as large, `√P`.
+    pub fn requirements(
+        &self,
+        amplitude: &LabelledNumber,
+        tolerance: f64,
+    ) -> EvolutionRequirements {
+        let part = evolution_part(self.points > 1);
+        EvolutionRequirements {
+            highest: self.series.wavenumber(self.series.modes() - 1),
+            points: self.points,
+            period: self.series.period,
+            tolerance: amplitude.times(&LabelledNumber::exact(part * tolerance)),
+        }
     }
 
     /// Distance of two points.
@@ -304,7 +355,7 @@ impl<'a> PlannedState<'a> {
 
     /// `C_w`.
     fn norm(&self, norms: &StateNorms) -> f64 {
-        norms.start * (self.points as f64 * square_sum(self.series)).sqrt()
+        norms.start * (self.points as f64 * square_sum(&self.series)).sqrt()
     }
 
     /// `P_p` of the slice at `p◇`.
@@ -323,14 +374,19 @@ impl<'a> PlannedState<'a> {
     /// modes only, since others add to the norm of the state.
     pub fn most_probable(&self, norms: &StateNorms) -> f64 {
         let in_p = self.in_slice(norms) * self.in_slices(f64::INFINITY);
-        let all = Chain::new(in_p, norms, &LabelledNumber::bound).all;
-        all.value().unwrap_or(f64::NAN)
+        let all = PostselectionChain::new(in_p, norms, &LabelledNumber::bound).all;
+        all.or_nan()
     }
+}
+
+/// `Λ⁺` and `Λ⁻` of `case` with these bounds.
+pub fn reach(bounds: &Bounds, case: &Case) -> [f64; 2] {
+    [bounds.growth, bounds.decay].map(|rate| rate * case.duration())
 }
 
 impl Probabilities {
     /// The probabilities of the window, or of the slice where there is none.
-    pub fn nearest(&self) -> &Chain {
+    pub fn nearest(&self) -> &PostselectionChain {
         match self.window {
             Some(_) => &self.in_window,
             None => &self.at_slice,
@@ -357,7 +413,11 @@ impl Probabilities {
     /// postselected.
     fn of_one_mode(norm: f64, norms: StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
         let whole = norms.field == norms.weighted && norms.auxiliary == 0.0;
-        let at_slice = Chain::new(1.0, &norms, if whole { &LabelledNumber::exact } else { label });
+        let at_slice = PostselectionChain::new(
+            1.0,
+            &norms,
+            if whole { &LabelledNumber::exact } else { label },
+        );
         Self {
             points: 1,
             recovery: 0.0,
@@ -365,24 +425,24 @@ impl Probabilities {
             norms,
             window: None,
             window_error: None,
-            norm_of_field: label(norm * at_slice.all.value().map_or(f64::NAN, f64::sqrt)),
+            norm_of_field: label(norm * at_slice.all.or_nan().sqrt()),
             at_slice,
-            in_window: Chain::unavailable("one mode has no register of p"),
+            in_window: PostselectionChain::unavailable("one mode has no register of p"),
         }
     }
 
     /// The probabilities of a planned state with these norms. `label` makes labelled numbers of
     /// those that follow from the norms and are as accurate as they are.
     pub fn new(
-        planned: &PlannedState<'_>,
+        planned: &PlannedState,
         norms: StateNorms,
         label: &dyn Fn(f64) -> LabelledNumber,
     ) -> Self {
-        let PlannedState { bounds, series, point, state_tolerance, time, points } = *planned;
+        let PlannedState { ref series, point, points, state_tolerance, reach, .. } = *planned;
         let (norm, slice) = (planned.norm(&norms), planned.in_slice(&norms));
         let decayed = (!slice.is_finite()).then_some("the field has decayed to zero");
         if let Some(why) = norms.no_field().or(decayed) {
-            let none = Chain::unavailable(why);
+            let none = PostselectionChain::unavailable(why);
             return Self {
                 points,
                 recovery: point,
@@ -399,17 +459,16 @@ impl Probabilities {
             return Self::of_one_mode(norm, norms, label);
         }
         // The grid of points is taken to have one at p◇: its origin is free.
-        let lambda = [bounds.growth * time, bounds.decay * time];
-        let deviation = Deviation::new(series, point, lambda);
+        let deviation = Deviation::new(series, point, reach);
         let limit = WINDOW * state_tolerance;
         let found = deviation.window_end(limit).map(|end| deviation.within(end, limit));
         let end = found.map(|[end, _]| end);
         let in_window = end.map(|end| {
             let slices = ((end - point) / planned.width()).floor() + 1.0;
-            Chain::new(slice * planned.in_slices(slices), &norms, label)
+            PostselectionChain::new(slice * planned.in_slices(slices), &norms, label)
         });
-        let at_slice = Chain::new(slice, &norms, label);
-        let all = at_slice.all.value().unwrap_or(f64::NAN);
+        let at_slice = PostselectionChain::new(slice, &norms, label);
+        let all = at_slice.all.or_nan();
         Self {
             points,
             recovery: point,
@@ -418,7 +477,7 @@ impl Probabilities {
             window: end.map(|end| [point, end]),
             window_error: found.map(|[_, error]| error / state_tolerance),
             in_window: in_window.unwrap_or_else(|| {
-                Chain::unavailable("the profile is e^{-p} at the recovery point only")
+                PostselectionChain::unavailable("the profile is e^{-p} at the recovery point only")
             }),
             norm_of_field: label(point.exp() * norm * all.sqrt()),
             at_slice,

@@ -48,7 +48,7 @@ pub mod row;
 use crate::base::text::counted;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, Data, Method};
+use crate::problem::case::{Case, Data};
 use crate::problem::formula::Expression;
 use crate::problem::grid::axis_names;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -168,18 +168,6 @@ pub fn smooth_delta(case: &Case) -> Option<String> {
         f += &format!(" * exp(-({v} - ({}))^2/{variance:.6e})/{scale:.6e}", one_line(u));
     }
     Some(format!("initial = {{ f = \"{f}\" }}, inflow.value = \"initial\""))
-}
-
-/// Why a case has no readout; `None` if it has one.
-pub fn refused(case: &Case) -> Option<&'static str> {
-    match (&case.data, case.method) {
-        (Data::Measure { .. }, _) => Some(MEASURE_VALUED),
-        (_, Method::Classical) => Some("solver.method = \"classical\" prepares no quantum state"),
-        _ if case.varies() => Some(
-            "what enters depends on t, and the evolution is that of a Hamiltonian that does not",
-        ),
-        _ => None,
-    }
 }
 
 #[cfg(test)]

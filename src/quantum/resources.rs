@@ -8,7 +8,7 @@
 //! empty. The factor `O(n + m polylog m)` of other gates (the paper's lemma in section 3.2, for `n`
 //! qubits and values of `m` bits) is an estimate with constants 1.
 //!
-//! **Set-ups.** [`Comparison`] has two: the one that is cheapest on a quantum computer
+//! **Set-ups.** [`SetupComparison`] has two: the one that is cheapest on a quantum computer
 //! ([`crate::quantum::optimise`]), and the case's own, which is planned to be emulated.
 //!
 //! The paper's asymptotic counts are in [`regime`], the printed table in `text`, the formats of
@@ -27,7 +27,7 @@ use crate::quantum::circuit::gates::{Circuit, RegisterRole};
 use crate::quantum::circuit::transport::bits_of;
 use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements, JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::probability::{PlannedState, Probabilities};
+use crate::quantum::probability::{PlannedMeasurement, PlannedState, Probabilities};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::resources::regime::{Regime, gates_factor};
 use crate::quantum::resources::settings::SetUpSettings;
@@ -38,8 +38,6 @@ use crate::quantum::walk::{
     OracleQueries, ROTATIONS_PART, ROUNDING_PART, SERIES_PART, WalkCost, WalkRegisters,
     evolution_part,
 };
-use crate::schrodingerization::profile::series::{Series, points};
-use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 use serde::Serialize;
@@ -64,33 +62,6 @@ pub struct RegisterSizes {
     pub walk: WalkRegisters,
 }
 
-/// The preparation and reading of a state, as far as a count depends on them.
-pub struct Preparation {
-    /// The profile as a series.
-    pub series: Series,
-    /// `p◇`.
-    pub point: f64,
-    /// The tolerance that the profile is planned for.
-    pub state_tolerance: f64,
-    /// The tolerance of the field at `p◇`.
-    pub field_tolerance: f64,
-    /// The profile in words.
-    pub planned: String,
-}
-
-impl Preparation {
-    /// The preparation of a run's plan, for an error `field_tolerance` of the field.
-    pub fn of_plan(warp: &WarpPlan, field_tolerance: f64) -> Self {
-        Self {
-            series: warp.series.clone(),
-            point: warp.readings[0].point,
-            state_tolerance: warp.state_tolerance,
-            field_tolerance,
-            planned: warp.profile.as_ref().map_or(String::new(), ToString::to_string),
-        }
-    }
-}
-
 /// The choices for which resources are counted.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CountSetup {
@@ -107,12 +78,13 @@ pub struct CountSetup {
 }
 
 impl CountSetup {
-    /// The choices of `case`. `series` is its profile, and `planned` names that profile in words.
-    fn new(case: &Case, series: &Series, planned: String) -> Self {
+    /// The choices of `case` and of this state.
+    fn new(case: &Case, state: PlannedState) -> Self {
+        let PlannedState { series, profile, .. } = state;
         let modes = series.modes();
         Self {
             profile: case.warp.profile.clone(),
-            planned,
+            planned: profile,
             delta: case.enters().then_some(case.warp.delta),
             modes,
             highest_wavenumber: series.wavenumber(modes - 1),
@@ -186,9 +158,39 @@ impl ErrorBudget {
     }
 }
 
+/// The costs of an evolution and its measurement by every access to `H`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AccessCosts {
+    /// T gates of a rotation.
+    pub t_of_rotation: RotationSynthesis,
+    /// The costs of every access.
+    pub costs: Vec<Cost>,
+    /// Why no circuit is compiled; `None` where one is.
+    pub no_circuit: Option<String>,
+    /// How circuits round jumps of `V`; `None` without circuits.
+    pub rounding: Option<JumpRounding>,
+}
+
+impl AccessCosts {
+    /// The costs by `accesses`. `evolutions` are those until the field is measured: repeated, and
+    /// by amplitude amplification.
+    fn new(
+        accesses: &Accesses,
+        requirements: &EvolutionRequirements,
+        evolutions: &[LabelledNumber; 2],
+    ) -> Self {
+        Self {
+            t_of_rotation: accesses.synthesis(),
+            costs: accesses.costs(requirements, evolutions),
+            no_circuit: accesses.no_circuit().map(str::to_owned),
+            rounding: accesses.rounding(),
+        }
+    }
+}
+
 /// The resources of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Record {
+pub struct ResourceCounts {
     /// Title of the case.
     pub title: String,
     /// Cells along each axis, `(x1..xn, v1..vn)`.
@@ -235,16 +237,11 @@ pub struct Record {
     pub gates_factor: LabelledNumber,
     /// Gates of the two transforms in `p`, `n_p log₂ n_p` each.
     pub transform_gates: LabelledNumber,
-    /// T gates of a rotation.
-    pub t_of_rotation: RotationSynthesis,
-    /// The costs of every access to `H`.
-    pub costs: Vec<Cost>,
+    /// The costs of an evolution.
+    #[serde(flatten)]
+    pub by_access: AccessCosts,
     /// The gates around the evolutions that no cost of an evolution includes.
     pub around: GatesAround,
-    /// Why no circuit is compiled; `None` where one is.
-    pub no_circuit: Option<String>,
-    /// How circuits round jumps of `V`; `None` without circuits.
-    pub rounding: Option<JumpRounding>,
     /// Gates by both ways to weight modes in a circuit; `None` without circuits of many modes.
     pub mode_weights: Option<ModeWeightsCost>,
     /// The table of the weights; `None` without weights.
@@ -264,17 +261,12 @@ pub struct Record {
 
 /// The cost of the unitary scheme on the same grid: one mode, no `p`, no postselection.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Unitary {
+pub struct UnitaryCosts {
     /// The tolerance of the evolution. It is that of the field, since `‖u(0)‖/‖f(T)‖` is 1.
     pub tolerance: f64,
-    /// T gates of a rotation.
-    pub t_of_rotation: RotationSynthesis,
-    /// The costs of every access to `H = iK`.
-    pub costs: Vec<Cost>,
-    /// Why no circuit is compiled; `None` where one is.
-    pub no_circuit: Option<String>,
-    /// How circuits round jumps of `V`; `None` without circuits.
-    pub rounding: Option<JumpRounding>,
+    /// The costs of an evolution with `H = iK`.
+    #[serde(flatten)]
+    pub by_access: AccessCosts,
     /// The disadvantages of the unitary scheme.
     pub caveats: &'static str,
 }
@@ -287,17 +279,17 @@ const CAVEATS: &str = "the unitary scheme is dispersive: waves that the grid doe
 /// The set-up that is cheapest on a quantum computer, and the case's own and the unitary scheme
 /// beside it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Comparison {
+pub struct SetupComparison {
     /// The cheapest.
     #[serde(flatten)]
-    pub cheapest: Record,
+    pub cheapest: ResourceCounts,
     /// The settings that make the cheapest set-up the case's own; `None` where it is the case's
     /// own.
     pub cheapest_settings: Option<SetUpSettings>,
     /// The set-up of the case file, or the one that is planned for emulation.
-    pub own: Record,
+    pub own: ResourceCounts,
     /// The cost of the unitary scheme on the same grid, where there is one.
-    pub unitary: Option<Unitary>,
+    pub unitary: Option<UnitaryCosts>,
     /// Why there is no unitary scheme; `None` where there is one.
     pub not_unitary: Option<String>,
     /// Why the cheapest set-up is the case's own, where it is.
@@ -309,18 +301,15 @@ pub struct Comparison {
     pub not_compared: Option<String>,
 }
 
-impl Unitary {
+impl UnitaryCosts {
     /// The cost of the unitary scheme by `accesses`, whose matrix is skew. `no_start` is why there
     /// is no state to be prepared.
     pub fn new(accesses: &Accesses, tolerance: f64, no_start: Option<&str>) -> Self {
         let once = || no_start.map_or(LabelledNumber::exact(1.0), LabelledNumber::unavailable);
-        let demand = EvolutionRequirements::unitary(LabelledNumber::exact(tolerance));
+        let requirements = EvolutionRequirements::unitary(LabelledNumber::exact(tolerance));
         Self {
             tolerance,
-            costs: accesses.costs(&demand, &[once(), once()]),
-            t_of_rotation: accesses.synthesis(),
-            no_circuit: accesses.no_circuit().map(str::to_owned),
-            rounding: accesses.rounding(),
+            by_access: AccessCosts::new(accesses, &requirements, &[once(), once()]),
             caveats: CAVEATS,
         }
     }
@@ -344,24 +333,21 @@ pub fn entries_of(prepared: &Prepared) -> LargestEntries {
 
 /// Number of qubits that number the unknowns of `case`.
 pub fn qubits_of(case: &Case) -> usize {
-    let unknowns = case.space.cells() + usize::from(case.embeds());
-    RegisterSizes::new(case, unknowns, 1, 0.0).total
+    let phase_space: usize = case.space.axes().map(|a| bits_of(a.cells)).sum();
+    phase_space + usize::from(case.embeds())
 }
 
-/// The source of the norms.
-const NORMS: &str = "norms of the classical solution, 3 digits";
-
-impl Record {
+impl ResourceCounts {
     /// Gates until the field is measured, by the access that takes the fewest; infinite where there
     /// is no number.
     pub fn least_gates(&self) -> f64 {
-        self.costs.iter().map(Cost::least).fold(f64::INFINITY, f64::min)
+        self.by_access.costs.iter().map(Cost::least).fold(f64::INFINITY, f64::min)
     }
 
     /// Why these gates are not to be compared with those of a set-up within the tolerance; `None`
     /// where they are.
     pub fn not_comparable(&self) -> Option<String> {
-        let sum = self.error_budget.sum.value().unwrap_or(f64::INFINITY);
+        let sum = self.error_budget.sum.or_infinite();
         if self.weighted {
             return Some(
                 "its weights take a table in every value query, which is no gate".to_owned(),
@@ -370,38 +356,35 @@ impl Record {
         (sum > 1.0).then(|| format!("its errors add up to {sum:.3} tolerances"))
     }
 
-    /// The resources of the case of `prepared` with the state of `preparation`, from this rank's
-    /// part of the system. Collective.
+    /// The resources of the case of `prepared` with this state, from this rank's part of the
+    /// system. Collective.
     ///
     /// # Errors
     /// As [`sparsity::measure`].
     pub fn new(
         prepared: &Prepared,
-        preparation: Preparation,
+        state: PlannedState,
         norms: StateNorms,
         synthesis: RotationSynthesis,
     ) -> Result<Self> {
         let Prepared { case, bounds, system, communicator, .. } = prepared;
         let accesses = accesses(prepared, norms.start / norms.weighted, synthesis);
-        let Preparation { series, point, state_tolerance, field_tolerance, planned } = preparation;
         let space = &communicator.space;
         let sparsity = sparsity::measure(case, &system.matrix, space)?;
-        // A register has a power of two of points.
-        let points = points(&series).next_power_of_two();
-        let highest = series.wavenumber(series.modes() - 1);
+        let (time, tolerance) = (case.duration(), case.tolerance);
+        let state = state.in_register();
+        let PlannedMeasurement { probabilities, requirements } =
+            state.measurement(norms, tolerance);
+        let EvolutionRequirements { highest, points, period, .. } = requirements;
         let largest = accesses.largest_entry(highest);
         let d = sparsity.of_hamiltonian() as f64;
-        let (time, tolerance) = (case.duration(), case.tolerance);
-        let estimate = |x: f64| LabelledNumber::estimate(x, NORMS);
         let exact = LabelledNumber::exact;
-        let state = PlannedState { bounds, series: &series, point, state_tolerance, time, points };
-        let probabilities = Probabilities::new(&state, norms, &estimate);
-        let fine = probabilities.amplitude().times(&exact(evolution_part(points > 1) * tolerance));
+        let fine = requirements.tolerance.clone();
         let error_budget =
-            ErrorBudget::new(points, field_tolerance / tolerance, probabilities.window_error);
+            ErrorBudget::new(points, state.field_tolerance / tolerance, probabilities.window_error);
         let tau = exact(d * largest * time);
         let evolution = WalkCost::new(&tau, &fine);
-        let bits = evolution.bits.value().unwrap_or_default();
+        let bits = evolution.bits.or_zero();
         let unknowns = system.terms - case.space.space_cells() + case.space.cells();
         let qubits = RegisterSizes::new(case, unknowns, points, bits);
         let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
@@ -410,9 +393,8 @@ impl Record {
             let (cells, each) = (case.space.cells(), &queries.value_queries);
             WeightsTable::new(cells, each, system.weights.sweeps, &sparsity)
         });
-        let period = series.period;
-        let demand = EvolutionRequirements { highest, points, period, tolerance: fine.clone() };
-        let costs = accesses.costs(&demand, &probabilities.evolutions());
+        let by_access = AccessCosts::new(&accesses, &requirements, &probabilities.evolutions());
+        let costs = &by_access.costs;
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
@@ -421,7 +403,7 @@ impl Record {
             tolerance,
             interface: case.interface,
             weighted: bounds.weighted,
-            setup: CountSetup::new(case, &series, planned),
+            setup: CountSetup::new(case, state),
             points,
             period,
             walk_tolerance: fine,
@@ -434,12 +416,9 @@ impl Record {
             value_bits: evolution.bits,
             gates_factor: qubits.gates_factor(bits),
             transform_gates: qubits.transform_gates(),
-            mode_weights: ModeWeightsCost::of(&costs),
-            around: GatesAround::new(&costs, &probabilities, qubits.total - qubits.p),
-            costs,
-            t_of_rotation: synthesis,
-            no_circuit: accesses.no_circuit().map(str::to_owned),
-            rounding: accesses.rounding(),
+            mode_weights: ModeWeightsCost::of(costs),
+            around: GatesAround::new(costs, &probabilities, qubits.total - qubits.p),
+            by_access,
             weights_table,
             qubits,
             classical_operations: exact(operations),
@@ -479,12 +458,12 @@ impl GatesAround {
         let chain = probabilities.nearest();
         let sequence = cost.cheaper();
         let of_rotation = sequence.t_a_rotation.times(&rotations);
-        let t = of_rotation.with(of_rotation.value().unwrap_or_default() / T_OF_TOFFOLI_STATE);
+        let t = of_rotation.with(of_rotation.or_zero() / T_OF_TOFFOLI_STATE);
         let of_rounds = chain.amplification_rounds.times(&toffoli);
         let of_transforms = chain.amplified_evolutions.times(&t);
-        let all = [&of_rounds, &of_transforms].map(|n| n.value().unwrap_or(f64::NAN));
+        let all = [&of_rounds, &of_transforms].map(|n| n.or_nan());
         let gates = &sequence.gates_until_measured[1];
-        let part = (all[0] + all[1]) / gates.value().unwrap_or(f64::NAN);
+        let part = (all[0] + all[1]) / gates.or_nan();
         let part = of_rounds.times(&of_transforms).times(gates).with(part);
         Self { toffoli_of_reflections: toffoli, rotations_of_transforms: rotations, part }
     }

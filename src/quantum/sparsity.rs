@@ -32,7 +32,7 @@ use serde::Serialize;
 
 /// The most nonzeros of a row, or of a column, and where they are.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Count {
+pub struct LargestCount {
     /// The number of nonzeros.
     pub most: usize,
     /// The first such row (column): its cell, or the number of the auxiliary unknown.
@@ -50,9 +50,9 @@ pub struct NonzeroCounts {
     /// `A_x`, `A_y`, `A_z` (transport along one axis), `A_v` (force), `A`, `H1`, `H2`, `H`.
     pub matrix: String,
     /// The fullest row: `s_r`.
-    pub rows: Count,
+    pub rows: LargestCount,
     /// The fullest column: `s_c`.
-    pub columns: Count,
+    pub columns: LargestCount,
 }
 
 /// Sparsity of a case's matrices.
@@ -288,11 +288,11 @@ struct CountsReport<'a> {
 
 impl CountsReport<'_> {
     /// The fullest over all ranks, beside its bound. Collective.
-    fn count(&self, found: FullestLine, bound: Option<usize>) -> Count {
+    fn count(&self, found: FullestLine, bound: Option<usize>) -> LargestCount {
         let FullestLine(most, unknown) = found.over(self.space);
         let bound = bound.filter(|_| self.bounded);
         let unknown = self.describe(unknown);
-        Count { most, unknown, bound, holds: bound.is_none_or(|b| most <= b) }
+        LargestCount { most, unknown, bound, holds: bound.is_none_or(|b| most <= b) }
     }
 
     /// The unknown with this global number.

@@ -54,7 +54,9 @@ impl PhysicalCost {
     /// The cost of `qubits` logical qubits and `toffoli` gates, counted in Toffoli gates.
     pub fn new(qubits: &LabelledNumber, toffoli: &LabelledNumber) -> Self {
         let (Some(n), Some(gates)) = (qubits.value(), toffoli.value()) else {
-            return Self::unavailable("the logical qubits or Toffoli gates are");
+            return Self::unavailable(
+                "the number of logical qubits or of Toffoli gates is not known",
+            );
         };
         let Some(distance) = distance(n, gates) else {
             return Self::unavailable("no distance up to 101 suffices");

@@ -270,7 +270,7 @@ fn write_readout(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
         ("state_error", &readout.state_error),
     ];
     for (name, figure) in single {
-        attribute(&group, name, &figure.value().unwrap_or(f64::NAN))?;
+        attribute(&group, name, &figure.or_nan())?;
     }
     for ReadoutColumn { name, description, values } in readout.columns() {
         writer.list(&format!("readout/{name}"), &values, Some(description))?;

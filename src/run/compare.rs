@@ -17,7 +17,6 @@ use crate::results::dataset::PlateauPoint;
 use crate::results::summary::{ContinuedResult, FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
 use crate::run::files::SolvedFields;
-use crate::schrodingerization::profile::series::points;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
@@ -144,7 +143,7 @@ pub(crate) fn compare(
         norm_fell.into_iter().chain(above_tolerance(plan, summary)).collect();
     let norms = state_norms(prepared, &solution.fields[0][0]);
     summary.probabilities = Some(Probabilities::new(
-        &PlannedState::of(warp, &plan.bounds, case.duration(), points(&warp.series)),
+        &PlannedState::of_plan(warp, &plan.bounds, case),
         norms,
         &LabelledNumber::exact,
     ));

@@ -2,14 +2,14 @@
 //!
 //! The outflow through each end of the box cannot be measured: the modes give `f` at output times
 //! only, not its time integral at an end. It is estimated by particles of the exact flow
-//! ([`flight`]), drawn from the case's formulas ([`draw`]). The total, `initial + entered − end`,
+//! ([`tracking`]), drawn from the case's formulas ([`draw`]). The total, `initial + entered − end`,
 //! is measured.
 //!
 //! Each rank follows whole replicates, and sums over them are exact, so that the bits do not depend
 //! on the number of ranks.
 
 pub mod draw;
-pub mod flight;
+pub mod tracking;
 
 use crate::base::error::Result;
 use crate::base::quadrature::gauss_legendre;
@@ -25,7 +25,7 @@ use crate::run::ledger::draw::{
     AxisEnd, Particle, ParticleSampler, ParticleSource, SampleBox, SampleSequence, coordinate,
     resampled,
 };
-use crate::run::ledger::flight::{NUMBERS, ParticleTally, ParticleTracker, end_index};
+use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker, end_index};
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 
@@ -145,17 +145,17 @@ impl SourceEstimates {
     fn follow(
         world: &Group,
         drawer: &ParticleSampler<'_>,
-        flight: &mut ParticleTracker<'_>,
+        tracker: &mut ParticleTracker<'_>,
         points: usize,
     ) -> Self {
         let case = drawer.case;
-        let initial = replicated(world, drawer, flight, ParticleSource::Initial, points);
+        let initial = replicated(world, drawer, tracker, ParticleSource::Initial, points);
         let (n, measure) = (case.space.dimension(), drawer.is_measure());
         let entering = open_ends(&case.space).into_iter();
         let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
         let mut follow = |end: AxisEnd| {
             let source = ParticleSource::Entering(end);
-            (end, replicated(world, drawer, flight, source, points))
+            (end, replicated(world, drawer, tracker, source, points))
         };
         let entering = entering.map(&mut follow).collect();
         Self { initial, entering }
@@ -210,10 +210,10 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
         ledger.mass.beyond = Some(support.beyond);
         within = support.within;
     }
-    let mut flight = ParticleTracker::new(case, tracer.clone());
+    let mut tracker = ParticleTracker::new(case, tracer.clone());
     let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
     let drawer = ParticleSampler { case, within, force: &force };
-    let sources = SourceEstimates::follow(world, &drawer, &mut flight, points);
+    let sources = SourceEstimates::follow(world, &drawer, &mut tracker, points);
     let mass = &mut ledger.mass;
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
@@ -271,7 +271,7 @@ fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
 fn replicated(
     world: &Group,
     drawer: &ParticleSampler<'_>,
-    flight: &mut ParticleTracker<'_>,
+    tracker: &mut ParticleTracker<'_>,
     source: ParticleSource,
     points: usize,
 ) -> TallyEstimate {
@@ -292,7 +292,7 @@ fn replicated(
             let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
             if !drawer.case.reflects() {
                 for particle in resampled(&inside, followed) {
-                    flight.follow(&mut tally, &particle, 1.0 / many as f64);
+                    tracker.follow(&mut tally, &particle, 1.0 / many as f64);
                 }
             }
             tally.numbers()

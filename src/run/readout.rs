@@ -2,8 +2,9 @@
 
 use crate::problem::case::Case;
 use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::purpose::CasePurpose;
+use crate::quantum::readout::Readout;
 use crate::quantum::readout::reader::ReadoutSource;
-use crate::quantum::readout::{Readout, refused};
 use crate::results::summary::Summary;
 use crate::solve::prepared::Prepared;
 
@@ -16,10 +17,13 @@ pub(crate) fn readout(
     summary: &Summary,
 ) -> Readout {
     let rank_cells = &prepared.rank_cells;
-    let probabilities = match (refused(case), &summary.probabilities) {
+    let probabilities = match (CasePurpose::Readout.why_not(case), &summary.probabilities) {
         (None, Some(probabilities)) => probabilities,
         (why, _) => {
-            return Readout::unavailable(case, why.unwrap_or("there is no plan of modes"));
+            return Readout::unavailable(
+                case,
+                why.as_deref().unwrap_or("there is no plan of modes"),
+            );
         }
     };
     // The error of implicit steps may exceed the tolerance.

@@ -57,14 +57,14 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
         return Ok(one_mode());
     }
     let mut warnings: Vec<String> = much_growth(case, bounds).into_iter().collect();
-    let DemandedProfile { demand, profile, window } =
-        DemandedProfile::new(case, bounds, ratio, &mut warnings)?;
+    let PlannedProfile { requirements, profile, window } =
+        PlannedProfile::new(case, bounds, ratio, &mut warnings)?;
     let (series, interval) = match profile.form() {
-        ProfileForm::Series(series) => (series.clone(), profile.ends(&demand, &window)),
+        ProfileForm::Series(series) => (series.clone(), profile.ends(&requirements, &window)),
         ProfileForm::Transform(shape) => {
-            let (series, interval) = transformed(case, &demand, &profile, shape, &window)?;
+            let (series, interval) = transformed(case, &requirements, &profile, shape, &window)?;
             if let Some(points) = warp.points {
-                warnings.extend(too_few(&demand, shape, &window, series.period, points));
+                warnings.extend(too_few(&requirements, shape, &window, series.period, points));
             }
             (series, interval)
         }
@@ -76,13 +76,13 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
              exp(-p)",
             window.point,
             window.point - window.distance,
-            demand.growth
+            requirements.growth
         ));
     }
     // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p =
     // p◇ + σT. An interval of which only the length matters is moved along.
     let shift = shift(case, bounds);
-    let fixed = warp.interval.is_some() || demand.sampled;
+    let fixed = warp.interval.is_some() || requirements.sampled;
     let at = |apart| readings(case, &window, interval, apart);
     let ErrorEstimator { readings, efficiency, doubt } = match case.recovery_points {
         0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
@@ -93,7 +93,7 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
             efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
             doubt: f64::INFINITY,
         },
-        _ => most_alike(&series, [shift, demand.decay], at),
+        _ => most_alike(&series, [shift, requirements.decay], at),
     };
     Ok(Placement {
         estimator_efficiency: efficiency,
@@ -108,24 +108,24 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
 }
 
 /// A profile and its window, with what they meet.
-struct DemandedProfile {
-    demand: ProfileRequirements,
+struct PlannedProfile {
+    requirements: ProfileRequirements,
     profile: Profile,
     window: Window,
 }
 
-impl DemandedProfile {
+impl PlannedProfile {
     /// The profile of `case`, with warnings of an interval that is short.
     ///
     /// # Errors
     /// As [`plan_placement`].
     fn new(case: &Case, bounds: &Bounds, ratio: f64, warnings: &mut Vec<String>) -> Result<Self> {
-        let demand = demand(case, bounds, ratio);
-        let (profile, window) = match Profile::plan(&case.warp.choice(), &demand) {
+        let requirements = requirements(case, bounds, ratio);
+        let (profile, window) = match Profile::plan(&case.warp.choice(), &requirements) {
             Some(planned) => planned,
-            None => relaxed(case, bounds, ratio, &demand, warnings)?,
+            None => relaxed(case, bounds, ratio, &requirements, warnings)?,
         };
-        Ok(Self { demand, profile, window })
+        Ok(Self { requirements, profile, window })
     }
 }
 
@@ -153,8 +153,8 @@ impl Outline {
             let period = profile.series().period;
             return Ok(Self { profile: profile.into(), point: 0.0, period, modes: 1.0 });
         }
-        let DemandedProfile { profile, window, .. } =
-            DemandedProfile::new(case, bounds, ratio, &mut Vec::new())?;
+        let PlannedProfile { profile, window, .. } =
+            PlannedProfile::new(case, bounds, ratio, &mut Vec::new())?;
         let (period, modes) = match profile.form() {
             ProfileForm::Series(series) => (series.period, series.modes() as f64),
             ProfileForm::Transform(_) => (window.period, window.modes(window.period)),
@@ -240,7 +240,7 @@ fn too_many_modes(case: &Case, profile: String, modes: f64) -> Error {
 /// case gives them.
 fn transformed(
     case: &Case,
-    demand: &ProfileRequirements,
+    requirements: &ProfileRequirements,
     profile: &Profile,
     shape: &dyn ProfileShape,
     window: &Window,
@@ -248,9 +248,9 @@ fn transformed(
     let warp = &case.warp;
     let interval = match warp.interval {
         Some(interval) => interval,
-        None => demand.ends(shape, window),
+        None => requirements.ends(shape, window),
     };
-    let fixed = warp.interval.is_some() || demand.sampled;
+    let fixed = warp.interval.is_some() || requirements.sampled;
     let period = if fixed { interval[1] - interval[0] } else { window.period };
     let modes = match warp.points {
         Some(points) => (points / 2 + 1) as f64,
@@ -311,7 +311,7 @@ fn shift(case: &Case, bounds: &Bounds) -> f64 {
 
 /// The requirements on the profile. All effects share the tolerance. If the interval is given by
 /// hand, any one effect may take the whole tolerance, and the second reading may be worse.
-fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileRequirements {
+fn requirements(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileRequirements {
     let (warp, time) = (&case.warp, case.duration());
     // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
     let shift = shift(case, bounds);
@@ -320,19 +320,19 @@ fn demand(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileRequirements {
     let tolerance = warp.share * case.tolerance / ratio * libm::exp(-shift.max(0.0));
     let width = width(warp);
     let second = if case.recovery_points > 1 { SECOND_POINT } else { 0.0 };
-    let mut demand = ProfileRequirements::new(tolerance, growth, decay, width + second);
-    demand.round_off = propagate::round_off(propagate::steps(&case.propagator, time));
-    demand.recovery = warp.recovery;
-    demand.interval = warp.interval;
-    demand.sampled = warp.coefficients == Coefficients::Sampled;
-    if demand.sampled {
-        demand.truncation = SAMPLED_TRUNCATION;
+    let mut requirements = ProfileRequirements::new(tolerance, growth, decay, width + second);
+    requirements.round_off = propagate::round_off(propagate::steps(&case.propagator, time));
+    requirements.recovery = warp.recovery;
+    requirements.interval = warp.interval;
+    requirements.sampled = warp.coefficients == Coefficients::Sampled;
+    if requirements.sampled {
+        requirements.truncation = SAMPLED_TRUNCATION;
     }
-    if demand.interval.is_some() {
-        demand.images = 1.0;
-        demand.reach = width;
+    if requirements.interval.is_some() {
+        requirements.images = 1.0;
+        requirements.reach = width;
     }
-    demand
+    requirements
 }
 
 /// Width in `p` that the readings need above `p◇`.
@@ -349,18 +349,18 @@ fn relaxed(
     case: &Case,
     bounds: &Bounds,
     ratio: f64,
-    demand: &ProfileRequirements,
+    requirements: &ProfileRequirements,
     warnings: &mut Vec<String>,
 ) -> Result<(Profile, Window)> {
     let choice = &case.warp.choice();
-    let growth = demand.growth;
-    let open = ProfileRequirements { interval: None, shortest: true, ..*demand };
+    let growth = requirements.growth;
+    let open = ProfileRequirements { interval: None, shortest: true, ..*requirements };
     let Some((profile, window)) = Profile::plan(choice, &open) else {
         return Err(no_profile(case, ratio, &open));
     };
     let transport = ProfileRequirements {
         decay: bounds.dissipation * case.duration() + shift(case, bounds),
-        ..*demand
+        ..*requirements
     };
     if let Some(planned) = Profile::plan(choice, &transport) {
         warnings.push(format!(
@@ -368,21 +368,21 @@ fn relaxed(
             decay x time of at most {:.4} \
              that follows from a growth x time of at most {growth:.4}; without that growth it is \
              long enough",
-            length(demand),
+            length(requirements),
             window.period,
-            demand.decay
+            requirements.decay
         ));
         return Ok(planned);
     }
     // The state at the start, with its auxiliary unknowns, may be far larger than the field at the
     // end. Then an error relative to the state may be large relative to the field.
-    let of_state = ProfileRequirements { tolerance: demand.tolerance * ratio, ..transport };
+    let of_state = ProfileRequirements { tolerance: requirements.tolerance * ratio, ..transport };
     if let Some(planned) = Profile::plan(choice, &of_state) {
         warnings.push(format!(
             "solver.warp.interval has a length of {:.4}: long enough for the tolerance relative \
             to the state at the start, {ratio:.3e} times \
              as large as the field at the end; relative to the field {:.4} guarantees it",
-            length(demand),
+            length(requirements),
             window.period
         ));
         return Ok(planned);
@@ -394,7 +394,7 @@ fn relaxed(
     let [lower, upper] = profile.ends(&open, &window);
     Err(Error::Interval {
         place: case.interval_place.clone(),
-        given: demand.interval.unwrap_or_default(),
+        given: requirements.interval.unwrap_or_default(),
         needed: window.period,
         ends: [(lower * 1e3).floor() / 1e3, (upper * 1e3).ceil() / 1e3],
         point: window.point,
@@ -402,14 +402,16 @@ fn relaxed(
     })
 }
 
-/// Why no profile meets `demand`, whatever the interval.
-fn no_profile(case: &Case, ratio: f64, demand: &ProfileRequirements) -> Error {
-    let (growth, share) = (demand.growth, case.warp.share);
+/// Why no profile meets `requirements`, whatever the interval.
+fn no_profile(case: &Case, ratio: f64, requirements: &ProfileRequirements) -> Error {
+    let (growth, share) = (requirements.growth, case.warp.share);
     match case.warp.recovery {
-        Some(point) if !demand.keeps_digits(point) => {
-            Error::Recovery { point, highest: demand.highest_point(), tolerance: case.tolerance }
-        }
-        _ => match Profile::smallest_tolerance(&case.warp.choice(), demand) {
+        Some(point) if !requirements.keeps_digits(point) => Error::Recovery {
+            point,
+            highest: requirements.highest_point(),
+            tolerance: case.tolerance,
+        },
+        _ => match Profile::smallest_tolerance(&case.warp.choice(), requirements) {
             Some(smallest) if smallest * ratio / share <= LARGEST_TOLERANCE => Error::Tolerance {
                 place: case.tolerance_place.clone(),
                 tolerance: case.tolerance,
@@ -422,8 +424,8 @@ fn no_profile(case: &Case, ratio: f64, demand: &ProfileRequirements) -> Error {
     }
 }
 
-fn length(demand: &ProfileRequirements) -> f64 {
-    demand.interval.map_or(0.0, |[lower, upper]| upper - lower)
+fn length(requirements: &ProfileRequirements) -> f64 {
+    requirements.interval.map_or(0.0, |[lower, upper]| upper - lower)
 }
 
 /// `x > 0` rounded up to two digits.
@@ -435,23 +437,23 @@ fn round_up(x: f64) -> f64 {
 /// The warning for a number of points that is too small for the tolerance. It is no error, since
 /// studies of convergence in `N_p` need such runs.
 fn too_few(
-    demand: &ProfileRequirements,
+    requirements: &ProfileRequirements,
     shape: &dyn ProfileShape,
     window: &Window,
     period: f64,
     points: usize,
 ) -> Option<String> {
     // The omitted modes and, for samples, their aliases; relative to the state.
-    let folded = if demand.sampled { 0.5 / SAMPLED_TRUNCATION } else { 1.0 };
+    let folded = if requirements.sampled { 0.5 / SAMPLED_TRUNCATION } else { 1.0 };
     let tail = shape.tail(PI * points as f64 / period, window.distance.max(0.0));
     let bound = folded * window.point.exp() * tail;
     let needed = 2.0 * (0.5 * window.cutoff * period / PI).ceil();
-    (bound > demand.tolerance).then(|| {
+    (bound > requirements.tolerance).then(|| {
         format!(
             "solver.warp.points = {points}: the modes left out may add {bound:.1e} of the state, \
             the tolerance allows {:.1e}; \
              {needed} points do",
-            demand.tolerance
+            requirements.tolerance
         )
     })
 }

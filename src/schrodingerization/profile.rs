@@ -89,44 +89,50 @@ profiles! {
 }
 
 impl Profile {
-    /// The profile of `choice` that meets `demand` at least cost, and its window; `None` if there
-    /// is none.
-    pub fn plan(choice: &ProfileChoice, demand: &ProfileRequirements) -> Option<(Self, Window)> {
+    /// The profile of `choice` that meets `requirements` at least cost, and its window; `None` if
+    /// there is none.
+    pub fn plan(
+        choice: &ProfileChoice,
+        requirements: &ProfileRequirements,
+    ) -> Option<(Self, Window)> {
         fn any<P: Into<Profile>>(found: Option<(P, Window)>) -> Option<(Profile, Window)> {
             found.map(|(profile, window)| (profile.into(), window))
         }
         match choice {
             ProfileChoice::Planned => {
                 let both = [ProfileChoice::Designed, ProfileChoice::Gaussian { sigma: None }];
-                let found = both.iter().filter_map(|c| Self::plan(c, demand));
-                let work = |w: &Window| demand.work(w.period, w.modes(w.period) as usize);
+                let found = both.iter().filter_map(|c| Self::plan(c, requirements));
+                let work = |w: &Window| requirements.work(w.period, w.modes(w.period) as usize);
                 found.min_by(|(_, a), (_, b)| work(a).total_cmp(&work(b)))
             }
-            ProfileChoice::Designed => any(Designed::meeting(demand)),
-            ProfileChoice::Gaussian { sigma } => any(Gaussian::meeting(*sigma, demand)),
-            ProfileChoice::Exponential { alpha } => any(Exponential::meeting(alpha, demand)),
-            ProfileChoice::Smooth { order } => any(Smooth::meeting(*order, demand)),
-            ProfileChoice::LowSomma { c } => any(LowSomma::meeting(*c, demand)),
-            ProfileChoice::Acl { beta } => any(Acl::meeting(*beta, demand)),
+            ProfileChoice::Designed => any(Designed::meeting(requirements)),
+            ProfileChoice::Gaussian { sigma } => any(Gaussian::meeting(*sigma, requirements)),
+            ProfileChoice::Exponential { alpha } => any(Exponential::meeting(alpha, requirements)),
+            ProfileChoice::Smooth { order } => any(Smooth::meeting(*order, requirements)),
+            ProfileChoice::LowSomma { c } => any(LowSomma::meeting(*c, requirements)),
+            ProfileChoice::Acl { beta } => any(Acl::meeting(*beta, requirements)),
         }
     }
 
     /// Whether [`plan`](Self::plan) finds a profile; computes no design, which would take long.
-    fn possible(choice: &ProfileChoice, demand: &ProfileRequirements) -> bool {
+    fn possible(choice: &ProfileChoice, requirements: &ProfileRequirements) -> bool {
         match choice {
-            ProfileChoice::Designed => Designed::possible(demand),
+            ProfileChoice::Designed => Designed::possible(requirements),
             ProfileChoice::Planned => {
-                Designed::possible(demand) || Gaussian::meeting(None, demand).is_some()
+                Designed::possible(requirements) || Gaussian::meeting(None, requirements).is_some()
             }
-            _ => Self::plan(choice, demand).is_some(),
+            _ => Self::plan(choice, requirements).is_some(),
         }
     }
 
     /// The smallest tolerance, up to 0.1, for which [`plan`](Self::plan) finds a profile.
-    pub fn smallest_tolerance(choice: &ProfileChoice, demand: &ProfileRequirements) -> Option<f64> {
+    pub fn smallest_tolerance(
+        choice: &ProfileChoice,
+        requirements: &ProfileRequirements,
+    ) -> Option<f64> {
         let met = |tolerance: f64| {
-            let demand = ProfileRequirements { tolerance, ..*demand };
-            Self::possible(choice, &demand)
+            let requirements = ProfileRequirements { tolerance, ..*requirements };
+            Self::possible(choice, &requirements)
         };
         let (low, high) = (1e-16f64.ln(), 0.1f64.ln());
         if !met(high.exp()) {
@@ -137,11 +143,11 @@ impl Profile {
     }
 
     /// The interval of a window; a designed series ends with its domain.
-    pub fn ends(&self, demand: &ProfileRequirements, window: &Window) -> [f64; 2] {
+    pub fn ends(&self, requirements: &ProfileRequirements, window: &Window) -> [f64; 2] {
         match self.form() {
-            ProfileForm::Transform(shape) => demand.ends(shape, window),
+            ProfileForm::Transform(shape) => requirements.ends(shape, window),
             ProfileForm::Series(_) => {
-                let upper = window.point + demand.reach + demand.decay;
+                let upper = window.point + requirements.reach + requirements.decay;
                 [upper - window.period, upper]
             }
         }

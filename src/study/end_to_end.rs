@@ -19,9 +19,8 @@
 //! **Characteristics.** `ρ = ∫ f₀(foot(x, v)) dv` takes no grid of `f`. Classically it is
 //! quadrature or Monte Carlo; on a quantum computer amplitude estimation of the mean of `f₀/max f₀`
 //! over all `v`, with a reversible trace, compute and uncompute, in each evaluation (a model). A
-//! trace has a segment for each part of `V` that is linear: of a curved `V` the more,
-//! the smaller `ε`.
-//! Where `V` reflects in part, characteristics branch, and none of these ways exists.
+//! trace has a segment for each part of `V` that is linear: of a curved `V` the more, the smaller
+//! `ε`. Where `V` reflects in part, characteristics branch, and none of these ways exists.
 
 mod measured;
 mod methods;
@@ -61,8 +60,8 @@ const LEAST_SHARE: f64 = 1e-3;
 const QUADRATURE: &str = "quadrature over characteristics";
 const MONTE_CARLO: &str = "Monte Carlo over characteristics";
 /// The reason why nothing is traced where `V` reflects in part.
-const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V; all \
-                        branches are too many, and ways that draw one are not built";
+const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V; \
+                        there are too many to follow all, and none is drawn at random";
 
 impl EndToEnd {
     /// The task of `case` to a relative error `accuracy` of the density, with T gates of rotations
@@ -301,7 +300,7 @@ fn fastest_stepping(upwind: &[Candidate], title: &str, accuracy: f64) -> Classic
             ClassicalMethod { degree: Some(*degree), ..ClassicalMethod::unavailable(NAME, why) }
         }
     });
-    let seconds = |method: &ClassicalMethod| method.seconds.value().unwrap_or(f64::INFINITY);
+    let seconds = |method: &ClassicalMethod| method.seconds.or_infinite();
     let least = all.min_by(|a, b| seconds(a).total_cmp(&seconds(b)));
     least.unwrap_or_else(|| ClassicalMethod::unavailable(NAME, title))
 }

@@ -2,9 +2,10 @@
 
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
+use crate::quantum::cost::sequence::SequenceCounts;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::phases::Phases;
-use crate::quantum::walk;
+use crate::quantum::walk::WalkCost;
 use serde::Serialize;
 use std::fmt;
 
@@ -126,22 +127,29 @@ impl EvolutionDescription {
     /// The evolution for `τ`, within `tolerance`, by calls of a circuit with the counts
     /// `controlled`.
     pub fn new(tau: f64, tolerance: f64, controlled: &GateCounts) -> Self {
-        let steps = steps_of(tau, tolerance);
+        let emitted = LabelledNumber::emitted(1.0);
+        let all = SequenceCounts::whole(&walk_of(tau, tolerance), controlled, &emitted);
+        let count = |number: &LabelledNumber| number.or_zero() as usize;
         Self {
             tau,
-            steps,
-            toffoli: steps * controlled.toffoli_a_step(),
-            t: steps * controlled.t,
-            rotations: steps * controlled.rotations_a_step() + 1,
-            qubits: controlled.qubits_of_sequence(),
+            steps: count(&all.steps),
+            toffoli: count(&all.toffoli),
+            t: count(&all.t),
+            rotations: count(&all.rotations),
+            qubits: count(&all.qubits),
         }
     }
 }
 
 /// The number of steps `2K` for `τ`, within `tolerance`.
 pub fn steps_of(tau: f64, tolerance: f64) -> usize {
+    walk_of(tau, tolerance).steps.or_zero() as usize
+}
+
+/// The cost of an evolution for `τ`, within `tolerance`.
+fn walk_of(tau: f64, tolerance: f64) -> WalkCost {
     let [tau, tolerance] = [tau, tolerance].map(LabelledNumber::exact);
-    walk::WalkCost::new(&tau, &tolerance).steps.value().unwrap_or_default() as usize
+    WalkCost::new(&tau, &tolerance)
 }
 
 impl fmt::Display for CircuitDescription {

@@ -40,15 +40,15 @@ pub struct SequenceCost {
 }
 
 /// The counts of a sequence.
-pub(super) struct SequenceCounts {
-    steps: LabelledNumber,
+pub(in crate::quantum) struct SequenceCounts {
+    pub steps: LabelledNumber,
     toffoli_a_step: LabelledNumber,
     rotations_a_step: LabelledNumber,
     /// Toffoli gates of an evolution, with those that its ends have in addition.
-    toffoli: LabelledNumber,
-    t: LabelledNumber,
-    rotations: LabelledNumber,
-    qubits: LabelledNumber,
+    pub toffoli: LabelledNumber,
+    pub t: LabelledNumber,
+    pub rotations: LabelledNumber,
+    pub qubits: LabelledNumber,
     ancillas: LabelledNumber,
 }
 
@@ -63,12 +63,11 @@ impl SequenceCounts {
         evolutions: &[LabelledNumber; 2],
     ) -> SequenceCost {
         let Self { steps, toffoli_a_step, rotations_a_step, toffoli, t, rotations, .. } = self;
-        let number = |figure: &LabelledNumber| figure.value().unwrap_or_default();
-        let t_a_rotation = synthesis.t_of_each(number(&rotations), tolerance);
-        let all_t = number(&t) + number(&rotations) * number(&t_a_rotation);
+        let t_a_rotation = synthesis.t_of_each(rotations.or_zero(), tolerance);
+        let all_t = t.or_zero() + rotations.or_zero() * t_a_rotation.or_zero();
         // Of the least trust of the factors.
         let gates = toffoli.times(&t_a_rotation);
-        let gates = gates.with(number(&toffoli) + all_t / T_OF_TOFFOLI_STATE);
+        let gates = gates.with(toffoli.or_zero() + all_t / T_OF_TOFFOLI_STATE);
         let toffoli_until_measured = evolutions.each_ref().map(|n| n.times(&toffoli));
         SequenceCost {
             until_measured: toffoli_until_measured.clone(),
@@ -114,7 +113,7 @@ const ROTATIONS_BOTH_WAYS: usize = 2;
 
 impl SequenceCounts {
     /// The counts of `2K` calls of a `controlled` circuit, whose counts have the label of `a_gate`.
-    pub(super) fn whole(
+    pub(in crate::quantum) fn whole(
         evolution: &WalkCost,
         controlled: &GateCounts,
         a_gate: &LabelledNumber,
@@ -128,7 +127,7 @@ impl SequenceCounts {
             rotations_a_step: emitted(controlled.rotations_a_step()),
             toffoli: all(controlled.toffoli_a_step()),
             t: all(controlled.t),
-            rotations: rotations.with(rotations.value().unwrap_or_default() + 1.0),
+            rotations: rotations.with(rotations.or_zero() + 1.0),
             qubits: emitted(controlled.qubits_of_sequence()),
             ancillas: emitted(controlled.ancillas_of_sequence()),
             steps,
@@ -144,7 +143,7 @@ impl SequenceCounts {
     ) -> Self {
         let steps = steps_both_ways(evolution, tau);
         let emitted = |count: usize| a_gate.with(count as f64);
-        let count = steps.value().unwrap_or_default() - CALLS_AT_ENDS;
+        let count = steps.or_zero() - CALLS_AT_ENDS;
         let all = |of_call: usize, of_end: usize| {
             steps.with(count * of_call as f64 + CALLS_AT_ENDS * of_end as f64)
         };
@@ -171,7 +170,7 @@ impl SequenceCounts {
         a_step: &LabelledNumber,
         walk: &WalkRegisters,
     ) -> [Self; 2] {
-        let both_ways = steps_both_ways(evolution, tau.value().unwrap_or_default());
+        let both_ways = steps_both_ways(evolution, tau.or_zero());
         let whole = evolution.steps.clone();
         [(whole, 1.0), (both_ways, ROTATIONS_BOTH_WAYS as f64)].map(|(steps, each)| Self {
             qubits: walk.total.clone(),
@@ -180,7 +179,7 @@ impl SequenceCounts {
             toffoli_a_step: a_step.clone(),
             rotations_a_step: LabelledNumber::exact(each),
             t: LabelledNumber::unavailable("no circuit of the oracles is compiled"),
-            rotations: steps.with(each * steps.value().unwrap_or_default() + 1.0),
+            rotations: steps.with(each * steps.or_zero() + 1.0),
             steps,
         })
     }
@@ -190,6 +189,6 @@ impl SequenceCounts {
 fn steps_both_ways(evolution: &WalkCost, tau: f64) -> LabelledNumber {
     const WHY: &str = "d + 2 calls, d the least odd number from K and tau on (Berry and others \
                        2024); the rotations of this sequence are not computed";
-    let degree = evolution.degree.value().unwrap_or_default();
+    let degree = evolution.degree.or_zero();
     LabelledNumber::model(calls_both_ways(degree, tau) + CALLS_AT_ENDS, WHY)
 }

@@ -19,10 +19,10 @@ use crate::problem::case::Case;
 use crate::problem::grid::PhaseSpace;
 use crate::propagate::chebyshev::degree;
 use crate::quantum::circuit::arithmetic::{equals, ones};
+use crate::quantum::circuit::circuit_case::{self, Bins, CircuitCase};
 use crate::quantum::circuit::evolution::Walk;
 use crate::quantum::circuit::formats::qasm;
 use crate::quantum::circuit::gates::{Circuit, Gate, GateCounts, Qubit, RegisterRole};
-use crate::quantum::circuit::scene::{self, Bins, CircuitCase};
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::circuit::wires::Wires;
 use crate::quantum::export::circuit::phi;
@@ -112,12 +112,12 @@ impl CompleteCircuit {
     /// The circuit of a task.
     ///
     /// # Errors
-    /// As [`scene::refuse`] and [`CircuitCase::new`]; [`Error::Input`] for more than
+    /// As [`circuit_case::refuse`] and [`CircuitCase::new`]; [`Error::Input`] for more than
     /// [`MOST_QUBITS`] qubits, and what has no circuit of this kind.
     pub fn new(task: &CompleteCircuitInput<'_>) -> Result<Self> {
         let CompleteCircuitInput { case, registers, grid, reading, .. } = task;
         let wrong = |what: String| Error::Input(format!("{}: --complete: {what}", case.name));
-        scene::refuse(case)?;
+        circuit_case::refuse(case)?;
         let CircuitCase { transport, .. } = CircuitCase::new(case, Bins::Whole)?;
         let profile = task.profile.clone().map_err(wrong)?;
         let modes = match (case.flux == 0.0, registers.p) {

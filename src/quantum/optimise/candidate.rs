@@ -47,7 +47,7 @@ pub struct CostedChoice {
     pub queries: OracleQueries,
     /// The time and accuracy of the evolution; `None` if they are not known.
     #[serde(skip)]
-    pub demand: Option<EvolutionRequirements>,
+    pub requirements: Option<EvolutionRequirements>,
     /// The profile and the recovery point, as settings of a case.
     #[serde(skip)]
     pub(super) candidate: ProfileCandidate,
@@ -77,7 +77,7 @@ impl CostedChoice {
             cost: [none(), none()],
             gates_until_measured_2k: none(),
             queries: OracleQueries::unavailable(why),
-            demand: None,
+            requirements: None,
         }
     }
 

@@ -33,7 +33,7 @@ impl<'a> PricedGrid<'a> {
         let (rank, ranks) = rank_of(system);
         let mut bounds = vec![f64::NEG_INFINITY; candidates.len()];
         for (k, bound) in bounds.iter_mut().enumerate().skip(rank).step_by(ranks) {
-            *bound = match PlannedCandidate::new(system, &candidates[k]) {
+            *bound = match PlannedCandidate::of(system, &candidates[k]) {
                 Ok(planned) => planned.least_possible(system),
                 Err(_) => f64::INFINITY,
             };

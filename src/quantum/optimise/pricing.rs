@@ -6,9 +6,10 @@ use crate::problem::case::{Case, Delta};
 use crate::quantum::cost::{EvolutionRequirements, LeastCost};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
-use crate::quantum::probability::{PlannedState, Probabilities, WINDOW, amplification_rounds};
-use crate::quantum::resources::Preparation;
-use crate::quantum::walk::{PROFILE_PART, evolution_part};
+use crate::quantum::probability::{
+    PlannedMeasurement, PlannedState, WINDOW, amplification_rounds, reach,
+};
+use crate::quantum::walk::PROFILE_PART;
 use crate::schrodingerization::placement::Outline;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::profile::{ProfileForm, ProfileShape};
@@ -41,6 +42,11 @@ impl RegisterModes {
         Self { points: 2 * half, period: least.max(half as f64 * TAU / highest) }
     }
 
+    /// The highest wavenumber.
+    fn highest(&self) -> f64 {
+        TAU * (self.points / 2) as f64 / self.period
+    }
+
     /// The number of modes `l ≥ 0` that `points` points have if they are given by hand.
     fn modes(&self) -> usize {
         self.points / 2 + 1
@@ -61,10 +67,8 @@ impl RegisterModes {
 ///
 /// # Errors
 /// As [`WarpPlan::modes_of`](crate::schrodingerization::warp_plan::WarpPlan::modes_of).
-pub fn preparation(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Preparation> {
-    let case = planned_within(case);
-    let outline = Outline::new(&case, bounds, ratio)?;
-    Ok(of_outline(&outline, case.tolerance, ratio))
+pub fn planned_state(case: &Case, bounds: &Bounds, ratio: f64) -> Result<PlannedState> {
+    Ok(PlannedCandidate::new(&planned_within(case), bounds, ratio)?.state())
 }
 
 /// `case` with the tolerance to which its profile is planned.
@@ -72,30 +76,33 @@ fn planned_within(case: &Case) -> Case {
     Case { tolerance: PLANNED * case.tolerance, ..case.clone() }
 }
 
-/// The state of the plan `outline`, for an error `field_tolerance` of the field.
-fn of_outline(outline: &Outline, field_tolerance: f64, ratio: f64) -> Preparation {
-    let state_tolerance = field_tolerance / ratio;
-    let series = match outline.profile.form() {
-        ProfileForm::Transform(shape) => RegisterModes::new(outline).series(shape),
-        ProfileForm::Series(series) => series.clone(),
-    };
-    let planned = outline.profile.to_string();
-    Preparation { series, point: outline.point, state_tolerance, field_tolerance, planned }
-}
-
 /// A candidate whose number of modes is known, but no coefficient.
 pub(super) struct PlannedCandidate {
-    /// The case, with the tolerance that its profile is planned for.
-    case: Case,
     outline: Outline,
+    /// The tolerance that the profile is planned for.
+    state_tolerance: f64,
+    /// The tolerance of the field at `p◇`.
+    field_tolerance: f64,
+    /// `Λ⁺` and `Λ⁻`.
+    reach: [f64; 2],
 }
 
 impl PlannedCandidate {
+    /// The plan of `case`, whose tolerance is that of its profile.
+    fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
+        Ok(Self {
+            outline: Outline::new(case, bounds, ratio)?,
+            state_tolerance: case.tolerance / ratio,
+            field_tolerance: case.tolerance,
+            reach: reach(bounds, case),
+        })
+    }
+
     /// The plan of `candidate`.
     ///
     /// # Errors
     /// Why there is none, or why it is not compared.
-    pub fn new(
+    pub fn of(
         system: &System<'_>,
         candidate: &ProfileCandidate,
     ) -> std::result::Result<Self, String> {
@@ -104,20 +111,38 @@ impl PlannedCandidate {
             return Err(why.to_owned());
         }
         let case = planned_within(&candidate_case(system.case, system.bounds, candidate));
-        let outline = Outline::new(&case, system.bounds, system.ratio);
-        let outline = outline.map_err(|error| case.reason(&error))?;
+        let planned = Self::new(&case, system.bounds, system.ratio);
+        let planned = planned.map_err(|error| case.reason(&error))?;
+        let outline = &planned.outline;
         let too_many = |modes: f64| format!("{modes} modes; up to {MOST_MODES} are compared");
         // Coefficients of a profile with a corner may take long, and be of no use.
         if outline.modes > MOST_MODES as f64 {
             return Err(too_many(outline.modes));
         }
         if let ProfileForm::Transform(_) = outline.profile.form() {
-            let modes = RegisterModes::new(&outline).modes();
+            let modes = RegisterModes::new(outline).modes();
             if modes > MOST_MODES + 1 {
                 return Err(too_many(modes as f64));
             }
         }
-        Ok(Self { case, outline })
+        Ok(planned)
+    }
+
+    /// The state of this plan, in a register.
+    fn state(&self) -> PlannedState {
+        let series = match self.outline.profile.form() {
+            ProfileForm::Transform(shape) => RegisterModes::new(&self.outline).series(shape),
+            ProfileForm::Series(series) => series.clone(),
+        };
+        let points = points(&series);
+        self.state_of(series, points).in_register()
+    }
+
+    /// The state of this plan with this series, on `points` points.
+    fn state_of(&self, series: Series, points: usize) -> PlannedState {
+        let Self { ref outline, state_tolerance, field_tolerance, reach } = *self;
+        let (profile, point) = (outline.profile.to_string(), outline.point);
+        PlannedState { series, profile, point, points, state_tolerance, field_tolerance, reach }
     }
 
     /// A lower bound of the cost. It takes the norm of the first modes for the norm of the state,
@@ -127,67 +152,40 @@ impl PlannedCandidate {
         const FIRST: usize = 64;
         /// Round-off of the cost and of its bound.
         const ROUND_OFF: f64 = 1e-9;
-        let Self { case, outline } = self;
-        let ProfileForm::Transform(shape) = outline.profile.form() else { return 0.0 };
-        let register = RegisterModes::new(outline);
-        let first = PlannedState {
-            bounds: system.bounds,
-            series: &register.first(shape, FIRST),
-            point: outline.point,
-            state_tolerance: case.tolerance / system.ratio,
-            time: case.duration(),
-            points: register.points,
-        };
+        let ProfileForm::Transform(shape) = self.outline.profile.form() else { return 0.0 };
+        let register = RegisterModes::new(&self.outline);
+        let first = self.state_of(register.first(shape, FIRST), register.points);
         let most = first.most_probable(&system.norms);
         if !(most > 0.0 && most.is_finite()) {
             return 0.0;
         }
         let evolutions = (1.0 / most).min(2.0 * amplification_rounds(most) + 1.0);
         let evolutions = LabelledNumber::exact(evolutions);
-        let demand = EvolutionRequirements {
-            highest: TAU * (register.points / 2) as f64 / register.period,
-            points: first.points,
-            period: register.period,
-            tolerance: LabelledNumber::exact(
-                most.sqrt() * evolution_part(first.points > 1) * system.case.tolerance,
-            ),
+        let amplitude = LabelledNumber::exact(most.sqrt());
+        let requirements = EvolutionRequirements {
+            highest: register.highest(),
+            ..first.requirements(&amplitude, system.case.tolerance)
         };
-        let least = system.accesses.least(&demand, &[evolutions.clone(), evolutions]);
+        let least = system.accesses.least(&requirements, &[evolutions.clone(), evolutions]);
         (1.0 - ROUND_OFF) * least.cost.least()
     }
 
     /// The cost of the candidate.
     fn priced(&self, system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
-        let Self { case, outline } = self;
-        let Preparation { series, point, state_tolerance, .. } =
-            of_outline(outline, case.tolerance, system.ratio);
-        let time = case.duration();
-        let label =
-            |x: f64| LabelledNumber::estimate(x, "norms of the classical solution, 3 digits");
-        let points = points(&series).next_power_of_two();
-        let bounds = system.bounds;
-        let planned =
-            PlannedState { bounds, series: &series, point, state_tolerance, time, points };
-        let found = Probabilities::new(&planned, system.norms, &label);
+        let PlannedMeasurement { probabilities, requirements } =
+            self.state().measurement(system.norms, system.case.tolerance);
         let delta = delta_of(system);
-        let all = &found.nearest().all;
+        let all = &probabilities.nearest().all;
         if let (None, Some(because)) = (all.value(), all.because()) {
             return CostedChoice::unavailable(candidate, delta, because);
         }
-        let demand = EvolutionRequirements {
-            highest: series.wavenumber(series.modes() - 1),
-            points,
-            period: series.period,
-            tolerance: found
-                .amplitude()
-                .times(&LabelledNumber::exact(evolution_part(points > 1) * system.case.tolerance)),
-        };
-        let LeastCost { cost, queries } = system.accesses.least(&demand, &found.evolutions());
+        let LeastCost { cost, queries } =
+            system.accesses.least(&requirements, &probabilities.evolutions());
         CostedChoice {
-            recovery: LabelledNumber::exact(found.recovery),
-            points: LabelledNumber::exact(found.points as f64),
-            probability: [found.at_slice.all, found.in_window.all],
-            demand: Some(demand),
+            recovery: LabelledNumber::exact(probabilities.recovery),
+            points: LabelledNumber::exact(probabilities.points as f64),
+            probability: [probabilities.at_slice.all, probabilities.in_window.all],
+            requirements: Some(requirements),
             ..CostedChoice::at_cost(candidate, delta, &cost, queries)
         }
     }
@@ -200,7 +198,7 @@ fn delta_of(system: &System<'_>) -> Option<Delta> {
 
 /// The cost of `system` with `candidate`.
 pub(super) fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
-    match PlannedCandidate::new(system, candidate) {
+    match PlannedCandidate::of(system, candidate) {
         Ok(planned) => planned.priced(system, candidate),
         Err(why) => CostedChoice::unavailable(candidate, delta_of(system), &why),
     }

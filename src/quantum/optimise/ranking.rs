@@ -109,7 +109,7 @@ impl fmt::Display for Ranking {
             Column::new(name, priced().map(number))
         };
         let plain = |name: &str, figure: fn(&CostedChoice) -> &LabelledNumber, digits: usize| {
-            let number = |choice| figure(choice).value().unwrap_or(f64::NAN);
+            let number = |choice| figure(choice).or_nan();
             Column::new(name, priced().map(|choice| format!("{:.digits$}", number(choice))))
         };
         let columns = [

@@ -3,15 +3,14 @@
 use super::*;
 use crate::matrix::bounds::Bounds;
 use crate::quantum::access::LargestEntries;
+use crate::quantum::circuit::circuit_case::{Bins, CircuitCase};
 use crate::quantum::circuit::gates::{Circuit, Gate, RegisterRole};
-use crate::quantum::circuit::scene::{Bins, CircuitCase};
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::cost::Accesses;
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::optimise::pricing::{MOST_MODES, PLANNED, preparation};
+use crate::quantum::optimise::pricing::{MOST_MODES, PLANNED, planned_state};
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::probability::{PlannedState, Probabilities};
-use crate::quantum::resources::Preparation;
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::walk::{EVOLUTION_PART, ROUNDING_PART};
 use crate::scheme::rows::{Row, Scheme};
@@ -203,15 +202,13 @@ impl<'a> Twin<'a> {
     fn cost(&mut self, candidate: &ProfileCandidate) -> Option<f64> {
         let System { case, bounds, ratio, norms, .. } = *self.system;
         let of_candidate = candidate_case(case, bounds, candidate);
-        let Preparation { series, point, state_tolerance, .. } =
-            preparation(&of_candidate, bounds, ratio).ok()?;
-        let held = points(&series).next_power_of_two();
+        let state = planned_state(&of_candidate, bounds, ratio).ok()?;
+        let series = &state.series;
+        let held = points(series).next_power_of_two();
         if series.modes() > MOST_MODES || held < 2 {
             return None;
         }
-        let time = case.duration();
-        let state =
-            PlannedState { bounds, series: &series, point, state_tolerance, time, points: held };
+        let state = PlannedState { points: held, ..state.clone() };
         let found = Probabilities::new(&state, norms, &LabelledNumber::exact);
         let p = found.in_window.all.value().or(found.at_slice.all.value())?;
         let rounds = (FRAC_PI_4 / p.sqrt().min(1.0).asin() - 0.5 - 1e-9).ceil().max(0.0);
@@ -405,7 +402,7 @@ fn a_choice_is_planned_as_it_was_priced() {
             .filter(|choice| choice.points.value().is_some())
         {
             let case = found.of(system.case, system.bounds);
-            let planned = preparation(&case, system.bounds, system.ratio).expect("a plan");
+            let planned = planned_state(&case, system.bounds, system.ratio).expect("a plan");
             assert_eq!(Some(planned.point), found.recovery.value());
             let held = points(&planned.series).next_power_of_two();
             assert_eq!(Some(held as f64), found.points.value());
@@ -462,11 +459,11 @@ fn probabilities_are_those_of_the_evolved_state() {
         let mut compared = 0;
         for found in choices(system, &mut Progress::silent()) {
             let [slice, window] = found.probability.each_ref().map(LabelledNumber::value);
-            let held = found.points.value().unwrap_or(f64::INFINITY) as usize;
+            let held = found.points.or_infinite() as usize;
             // What is nearly never measured drowns in round-off.
             let (Some(slice), true) = (slice.filter(|p| *p > 1e-4), held <= MOST) else { continue };
             let case = found.of(system.case, system.bounds);
-            let planned = preparation(&case, system.bounds, system.ratio).expect("a plan");
+            let planned = planned_state(&case, system.bounds, system.ratio).expect("a plan");
             let (series, point) = (&planned.series, planned.point);
             let modes: Vec<Vec<Complex64>> =
                 (0..series.modes()).map(|l| evolved(dense, series.wavenumber(l), time)).collect();
@@ -486,9 +483,7 @@ fn probabilities_are_those_of_the_evolved_state() {
             let own = squares(&points[0]) / whole;
             assert!((own / slice - 1.0).abs() < OF_SLICE, "{:?}: {own} {slice}", found.profile);
             let Some(window) = window else { continue };
-            let state_tolerance = planned.state_tolerance;
-            let bounds = system.bounds;
-            let state = PlannedState { bounds, series, point, state_tolerance, time, points: held };
+            let state = PlannedState { points: held, ..planned.clone() };
             let stated = Probabilities::new(&state, system.norms, &LabelledNumber::exact);
             let [begin, end] = stated.window.expect("a window");
             let slices = (0..held).filter(|&k| point + k as f64 * width <= end).count();

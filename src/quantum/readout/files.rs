@@ -50,7 +50,7 @@ pub struct ReadoutColumn {
 impl Readout {
     /// The columns of `/readout`.
     pub fn columns(&self) -> Vec<ReadoutColumn> {
-        let known = |figure: &LabelledNumber| figure.value().unwrap_or(f64::NAN);
+        let known = LabelledNumber::or_nan;
         let mut columns =
             COLUMNS.map(|(name, description)| ReadoutColumn { name, description, values: vec![] });
         for row in &self.rows {

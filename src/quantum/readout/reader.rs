@@ -307,7 +307,7 @@ impl ReadoutContext<'_> {
 
     /// The probability `P` of the window or the slice that is read; NaN where it is not known.
     fn probability(&self) -> f64 {
-        self.source.probabilities.nearest().all.value().unwrap_or(f64::NAN)
+        self.source.probabilities.nearest().all.or_nan()
     }
 
     /// Why `|overlap|²` does not give the observable: its sign is not known. `None` if it does.
@@ -315,7 +315,7 @@ impl ReadoutContext<'_> {
         if row.observable != Observable::Density {
             return Some("a momentum may have either sign, and |overlap|^2 has none");
         }
-        let allowed = -self.source.state_error.value().unwrap_or(0.0) * self.source.norm();
+        let allowed = -self.source.state_error.or_zero() * self.source.norm();
         let negative = self.source.least < allowed || sums.moments[0] < 0.0;
         negative.then_some("f is negative somewhere by more than its error")
     }

@@ -1,7 +1,7 @@
 //! Overlaps against explicit vectors, estimators against their expected results.
 
 use super::*;
-use crate::quantum::probability::{Chain, Probabilities};
+use crate::quantum::probability::{PostselectionChain, Probabilities};
 use crate::quantum::readout::random::{Purpose, Stream};
 use crate::quantum::readout::reader::norm;
 use crate::quantum::readout::row::OverlapEstimator;
@@ -57,7 +57,7 @@ fn probabilities_of(f: &[f64], pi: &[f64], state: f64, slices: usize) -> Probabi
     let recovery = RECOVERY;
     let scale = square(slices) / (state * state);
     let p = scale * field * field;
-    let chain = || Chain {
+    let chain = || PostselectionChain {
         in_p: LabelledNumber::exact(scale * (weighted * weighted + auxiliary * auxiliary)),
         field_given_p: LabelledNumber::unavailable("not needed"),
         weights_given_field: LabelledNumber::unavailable("not needed"),

@@ -3,7 +3,7 @@
 use crate::quantum::circuit::formats::{LogicalCounts, NOTE, logical_counts, ports, resource};
 use crate::quantum::cost::{Access, Cost};
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::resources::Record;
+use crate::quantum::resources::ResourceCounts;
 use serde_json::{Map, Value, json};
 
 /// The use of the T gates of rotations.
@@ -13,12 +13,12 @@ const T_OF_ROTATION: &str = "The estimator makes rotations of logicalCounts of T
 /// The note that counts have no rotations.
 const SYNTHESIZED: &str = "synthesizedCounts has them in tCount, and no rotations";
 
-impl Record {
+impl ResourceCounts {
     /// The access to `H` that takes the fewest gates until the field is measured, by the sequence
     /// whose rotations are computed.
     fn least(&self) -> Option<&Cost> {
         let gates = |cost: &Cost| cost.evolution.least();
-        self.costs.iter().min_by(|a, b| gates(a).total_cmp(&gates(b)))
+        self.by_access.costs.iter().min_by(|a, b| gates(a).total_cmp(&gates(b)))
     }
 
     /// The cost with the fewest gates, if its gates are emitted.
@@ -55,7 +55,7 @@ impl Record {
                 "steps": cost.evolution.steps.trust(),
             },
             "access": cost.access,
-            "tOfRotation": self.t_of_rotation,
+            "tOfRotation": self.by_access.t_of_rotation,
             "note": format!("{}. {T_OF_ROTATION}: {SYNTHESIZED}", NOTE),
         })
     }
@@ -66,7 +66,7 @@ impl Record {
         let qubits = self.qubits.walk.total.value().map(|n| n as u64);
         let rotations = self.walk_steps.value().map(|steps| steps as u64 + 1);
         let of_rotations = self.least().and_then(|cost| cost.evolution.t_of_rotations().value());
-        let not_compiled = self.no_circuit.as_deref();
+        let not_compiled = self.by_access.no_circuit.as_deref();
         json!({
             "logicalCounts": {
                 "numQubits": qubits,
@@ -86,7 +86,7 @@ impl Record {
                 "ccixCount": not_compiled,
                 "measurementCount": "depends on what is read",
             },
-            "tOfRotation": self.t_of_rotation,
+            "tOfRotation": self.by_access.t_of_rotation,
             "note": format!(
                 "phases of the walk's sequence only: what the estimator makes of it is without the \
                  oracles, whose absent counts it takes for zero. {T_OF_ROTATION}"
@@ -138,7 +138,7 @@ impl Record {
             ("queries", &self.queries.queries),
             ("qubits", &self.qubits.walk.total),
         ];
-        let sparse = self.costs.iter().find(|cost| cost.access == Access::Sparse);
+        let sparse = self.by_access.costs.iter().find(|cost| cost.access == Access::Sparse);
         figures.extend(sparse.map(|cost| ("toffoli_model", &cost.evolution.toffoli)));
         figures
     }

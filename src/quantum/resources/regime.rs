@@ -79,13 +79,13 @@ impl Regime {
     pub(crate) fn new(case: &Case, sparsity: &Sparsity, order: f64) -> Self {
         const WHY: &str = "the theorem's form with constants 1";
         let (n, tolerance) = (case.space.dimension(), case.tolerance);
-        let scene = RegimeParameters {
+        let parameters = RegimeParameters {
             order,
             time: case.duration(),
             jump: sparsity.jumps.iter().fold(0.0, |m: f64, j| m.max(*j)),
             extent: case.space.v.iter().map(|v| v.upper - v.lower).fold(0.0, f64::max),
         };
-        let PaperCounts { queries, operations } = scene.counts(n, tolerance);
+        let PaperCounts { queries, operations } = parameters.counts(n, tolerance);
         let bits = (1.0 / tolerance).log2();
         let axis = bits / order;
         let (each, with_growth) = (2.0 * n as f64 * axis, bits + axis);
@@ -125,8 +125,8 @@ mod tests {
         let inverse: Vec<f64> = (4..=9).map(|k| 10f64.powi(k)).collect();
         for n in 1..=3 {
             for (order, power) in [(1.0, 2.0), (0.5, 3.0)] {
-                let scene = RegimeParameters { order, time: 1.0, jump: 0.2, extent: 3.0 };
-                let of = |x: f64| scene.counts(n, 1.0 / x);
+                let parameters = RegimeParameters { order, time: 1.0, jump: 0.2, extent: 3.0 };
+                let of = |x: f64| parameters.counts(n, 1.0 / x);
                 let q_of = |x: f64| q(3.0 / x.powf(1.0 / order), 0.2) as f64;
                 let queries: Vec<(f64, f64)> =
                     inverse.iter().map(|&x| (x, of(x).queries / (q_of(x) + 1.0))).collect();

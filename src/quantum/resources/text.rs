@@ -4,21 +4,22 @@ use crate::base::text::{counted, rounded, short, word};
 use crate::quantum::cost::table::CostTable;
 use crate::quantum::cost::{JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
-use crate::quantum::probability::Chain;
+use crate::quantum::probability::PostselectionChain;
 use crate::quantum::resources::regime::Regime;
-use crate::quantum::resources::{Comparison, Record};
-use crate::quantum::sparsity::{Count, Sparsity};
+use crate::quantum::resources::{ResourceCounts, SetupComparison};
+use crate::quantum::sparsity::{LargestCount, Sparsity};
 use std::fmt;
 
 /// Columns of the name of a figure.
 const WIDTH: usize = 32;
 
-impl Comparison {
+impl SetupComparison {
     /// Writes the costs of all set-ups. Those that are one mode and cost what the unitary scheme
     /// does appear once, by its name.
     pub fn costs(&self) -> CostTable<'_> {
-        let of_unitary = self.unitary.as_ref().map(|unitary| ("unitary", &unitary.costs));
-        let all = [("cheapest", &self.cheapest.costs), ("own", &self.own.costs)];
+        let of_unitary = self.unitary.as_ref().map(|unitary| ("unitary", &unitary.by_access.costs));
+        let all =
+            [("cheapest", &self.cheapest.by_access.costs), ("own", &self.own.by_access.costs)];
         let others = all.iter().filter(|(_, costs)| of_unitary.is_none_or(|(_, of)| of != *costs));
         let rows = (others.chain(&of_unitary))
             .flat_map(|(name, costs)| costs.iter().map(move |cost| (*name, cost)));
@@ -28,15 +29,17 @@ impl Comparison {
     /// Whether all set-ups cost the same: they are one mode, the unitary scheme's.
     fn is_unitary(&self) -> bool {
         let Some(unitary) = &self.unitary else { return false };
-        unitary.costs == self.own.costs && unitary.costs == self.cheapest.costs
+        unitary.by_access.costs == self.own.by_access.costs
+            && unitary.by_access.costs == self.cheapest.by_access.costs
     }
 
     /// The reasons of what is missing in the comparison, one line each.
     fn reasons(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let of_unitary = self.unitary.as_ref().and_then(|unitary| unitary.no_circuit.clone());
+        let of_unitary =
+            self.unitary.as_ref().and_then(|unitary| unitary.by_access.no_circuit.clone());
         for (what, why) in [
-            ("no circuit", &self.cheapest.no_circuit),
-            ("no circuit of the case's own set-up", &self.own.no_circuit),
+            ("no circuit", &self.cheapest.by_access.no_circuit),
+            ("no circuit of the case's own set-up", &self.own.by_access.no_circuit),
             ("no circuit of the unitary scheme", &of_unitary),
             ("no unitary scheme", &self.not_unitary),
             ("the cheapest set-up is the case's own", &self.cheapest_is_own),
@@ -51,7 +54,7 @@ impl Comparison {
     }
 }
 
-impl fmt::Display for Comparison {
+impl fmt::Display for SetupComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "COST UNTIL THE FIELD IS MEASURED\n")?;
         let unitary = self.unitary.as_ref();
@@ -68,8 +71,8 @@ impl fmt::Display for Comparison {
             )?;
         }
         let set_ups = [
-            ("the cheapest set-up", &self.cheapest.rounding),
-            ("the unitary scheme", unitary.map_or(&None, |unitary| &unitary.rounding)),
+            ("the cheapest set-up", &self.cheapest.by_access.rounding),
+            ("the unitary scheme", unitary.map_or(&None, |unitary| &unitary.by_access.rounding)),
         ];
         for (name, rounding) in set_ups.iter().skip(usize::from(self.is_unitary())) {
             let Some(JumpRounding { bin_bits, rounded, change }) = rounding else { continue };
@@ -78,7 +81,7 @@ impl fmt::Display for Comparison {
                 "circuits of {name} divide a level of dv^2/2 into 2^{bin_bits} bins \
                  (export-circuit --sub-bins {bin_bits}); jumps move by {rounded:.1e} levels or \
                  less, which changes A by at most {}",
-                short(change.value().unwrap_or(f64::NAN))
+                short(change.or_nan())
             )?;
         }
         self.reasons(f)?;
@@ -96,13 +99,13 @@ impl fmt::Display for Comparison {
             write!(f, "\nTHE CASE'S OWN SET-UP, PLANNED TO BE EMULATED\n{}", self.own)?;
         }
         // They are of the case, whatever its set-up.
-        let Record { regimes, tolerance, .. } = &self.own;
+        let ResourceCounts { regimes, tolerance, .. } = &self.own;
         writeln!(f, "\nTHE PAPER'S REGIMES")?;
         regimes.iter().try_for_each(|regime| regime_table(f, regime, *tolerance))
     }
 }
 
-impl fmt::Display for Record {
+impl fmt::Display for ResourceCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.heading(f)?;
         if let Some(why) = &self.measure_valued {
@@ -120,7 +123,7 @@ impl fmt::Display for Record {
     }
 }
 
-impl Record {
+impl ResourceCounts {
     /// The grid and the matrix.
     fn heading(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let p = match self.points {
@@ -176,8 +179,7 @@ impl Record {
     /// The error of the field and its parts.
     fn errors(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let errors = &self.error_budget;
-        let part =
-            |number: &LabelledNumber| short(rounded(number.value().unwrap_or(f64::NAN), 1e-3));
+        let part = |number: &LabelledNumber| short(rounded(number.or_nan(), 1e-3));
         writeln!(
             f,
             "{:<WIDTH$}{}  upper bound, in tolerances: {} profile and window, {} series, {} \
@@ -237,7 +239,7 @@ fn line(f: &mut fmt::Formatter<'_>, name: &str, number: &LabelledNumber) -> fmt:
 /// Nonzeros of each matrix beside the paper's bounds, and where a bound does not hold.
 fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
     writeln!(f, "\n{:<6}{:>6}{:>8}{:>8}{:>8}", "", "s_r", "bound", "s_c", "bound")?;
-    let bound = |c: &Count| c.bound.map_or("-".to_owned(), |b| b.to_string());
+    let bound = |c: &LargestCount| c.bound.map_or("-".to_owned(), |b| b.to_string());
     for c in &sparsity.counts {
         writeln!(
             f,
@@ -276,7 +278,7 @@ fn nonzeros(f: &mut fmt::Formatter<'_>, sparsity: &Sparsity) -> fmt::Result {
 }
 
 /// Probabilities of the postselections, and their cost.
-fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &Chain) -> fmt::Result {
+fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &PostselectionChain) -> fmt::Result {
     writeln!(f, "\nprobability of {what}")?;
     let rows = [
         ("  p is in range", &c.in_p),

@@ -30,9 +30,9 @@ pub struct Acl {
 }
 
 impl Acl {
-    /// The profile of `β` for `demand`, and its window.
-    pub fn meeting(beta: f64, demand: &ProfileRequirements) -> Option<(Self, Window)> {
-        best_window(Self::new(beta), 0.0, demand)
+    /// The profile of `β` for `requirements`, and its window.
+    pub fn meeting(beta: f64, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+        best_window(Self::new(beta), 0.0, requirements)
     }
 
     /// The profile of `β`, within [`BETAS`](crate::problem::limits::BETAS).

@@ -78,32 +78,33 @@ pub struct Designed {
 }
 
 impl Designed {
-    /// The design of about least work for `demand`, read at `p◇ = 0` or the given point; `None` if
-    /// round-off forbids it ([`possible`](Self::possible)).
-    pub fn meeting(demand: &ProfileRequirements) -> Option<(Self, Window)> {
-        if !Self::possible(demand) {
+    /// The design of about least work for `requirements`, read at `p◇ = 0` or the given point;
+    /// `None` if round-off forbids it ([`possible`](Self::possible)).
+    pub fn meeting(requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+        if !Self::possible(requirements) {
             return None;
         }
         let circle = Circle::new();
         // Longer gaps for long domains and for few digits.
-        let length = (demand.growth + demand.reach + demand.decay).max(SHORTEST);
-        let planned = 5.0 * (MOST_CANCELLATION - digits(demand)) * libm::pow(length / 128.0, 0.2);
-        let work = |g: &Polynomial| demand.work(g.period, g.modes());
-        let mut best = with_gap(&circle, demand, planned, f64::INFINITY)?;
+        let length = (requirements.growth + requirements.reach + requirements.decay).max(SHORTEST);
+        let planned =
+            5.0 * (MOST_CANCELLATION - digits(requirements)) * libm::pow(length / 128.0, 0.2);
+        let work = |g: &Polynomial| requirements.work(g.period, g.modes());
+        let mut best = with_gap(&circle, requirements, planned, f64::INFINITY)?;
         // With few modes, one batch more or less matters: other gaps are tried.
         let others = if best.modes() <= QUICK { &OTHER_GAPS[..] } else { &[] };
         for factor in others {
             let limit = work(&best);
-            let found = with_gap(&circle, demand, factor * planned, limit);
+            let found = with_gap(&circle, requirements, factor * planned, limit);
             if let Some(found) = found.filter(|found| work(found) < limit) {
                 best = found;
             }
         }
-        let error = best.errors(&circle, domain(demand)).fold(0.0, f64::max);
+        let error = best.errors(&circle, domain(requirements)).fold(0.0, f64::max);
         let mut series = best.series(&circle);
         // Read at another point, the profile is e^{−p◇} g(p − p◇), so that the weights are the
         // same.
-        let point = demand.recovery.unwrap_or(0.0);
+        let point = requirements.recovery.unwrap_or(0.0);
         for l in 0..series.modes() {
             let mu = series.wavenumber(l);
             series.coefficients[l] *= Complex64::new(-point, -mu * point).exp();
@@ -114,21 +115,21 @@ impl Designed {
             period: series.period,
             cutoff: series.wavenumber(series.modes() - 1),
         };
-        let domain = [point - demand.growth, point + demand.decay];
+        let domain = [point - requirements.growth, point + requirements.decay];
         let designed = Self { domain, error, series };
         Some((designed, window))
     }
 
     /// Whether there is a design: `ε e^{−Λ⁺}` is not too small, the domain not too long, and the
     /// case gives neither interval nor samples. Beyond its domain a design has no values to sample.
-    pub fn possible(demand: &ProfileRequirements) -> bool {
+    pub fn possible(requirements: &ProfileRequirements) -> bool {
         // Also false if the growth is not known.
-        let least = demand.tolerance * libm::exp(-demand.growth);
-        let [lower, upper] = domain(demand);
-        least >= SMALLEST * coarser(demand)
+        let least = requirements.tolerance * libm::exp(-requirements.growth);
+        let [lower, upper] = domain(requirements);
+        least >= SMALLEST * coarser(requirements)
             && upper - lower <= LONGEST
-            && demand.interval.is_none()
-            && !demand.sampled
+            && requirements.interval.is_none()
+            && !requirements.sampled
     }
 }
 
@@ -150,44 +151,45 @@ impl Planned for Designed {
 }
 
 /// The rounding error of modes as a multiple of that of double precision.
-fn coarser(demand: &ProfileRequirements) -> f64 {
-    demand.round_off / f64::EPSILON
+fn coarser(requirements: &ProfileRequirements) -> f64 {
+    requirements.round_off / f64::EPSILON
 }
 
 /// `ln 1/ε`, relative to the largest value on the domain, `e^{Λ⁺}`.
-fn digits(demand: &ProfileRequirements) -> f64 {
-    demand.growth - libm::log(demand.tolerance)
+fn digits(requirements: &ProfileRequirements) -> f64 {
+    requirements.growth - libm::log(requirements.tolerance)
 }
 
 /// The interval on which `g` must be `e^{−p}`.
-fn domain(demand: &ProfileRequirements) -> [f64; 2] {
-    [-demand.growth, demand.reach + demand.decay]
+fn domain(requirements: &ProfileRequirements) -> [f64; 2] {
+    [-requirements.growth, requirements.reach + requirements.decay]
 }
 
 /// The polynomial of fewest modes with a period longer by `gap` than the domain. `None` also if it
 /// surely takes the work `limit` or more, which one trial shows where no shorter domain is used.
 fn with_gap(
     circle: &Circle,
-    demand: &ProfileRequirements,
+    requirements: &ProfileRequirements,
     gap: f64,
     limit: f64,
 ) -> Option<Polynomial> {
-    let [lower, upper] = domain(demand);
-    let (tolerance, digits) = (demand.tolerance, digits(demand));
+    let [lower, upper] = domain(requirements);
+    let (tolerance, digits) = (requirements.tolerance, digits(requirements));
     let cutoff = libm::tan(FRAC_PI_2 * digits / MOST_CANCELLATION);
     // Near the limit of double precision, round-off needs a larger penalty.
-    let eta = 5e-15 * coarser(demand) * libm::exp(0.12 * (digits - 20.7).max(0.0));
+    let eta = 5e-15 * coarser(requirements) * libm::exp(0.12 * (digits - 20.7).max(0.0));
     let design = |upper: f64, share: f64, digits: f64| {
         let domain = LatticeDomain::new([lower, upper], gap);
         let guess = 1 + (domain.period * cutoff / TAU) as usize;
         let attempt = |modes: usize| {
             let g = domain.fit(circle, modes, eta);
-            let kept = g.keeps_digits(digits * tolerance, demand.round_off);
+            let kept = g.keeps_digits(digits * tolerance, requirements.round_off);
             (kept && g.meets(circle, [lower, upper], share * tolerance)).then_some(g)
         };
         let most = 2 * guess + 40;
         let numbers: Vec<usize> = (2..=most).collect();
-        let allowed = numbers.partition_point(|&modes| demand.work(domain.period, modes) < limit);
+        let allowed =
+            numbers.partition_point(|&modes| requirements.work(domain.period, modes) < limit);
         let enough = limit.is_infinite() || (allowed > 0 && attempt(allowed + 1).is_some());
         enough.then(|| least(guess, allowed + 1, attempt)).flatten()
     };
@@ -204,7 +206,7 @@ fn with_gap(
     let mut long = short.continued(end, period, guess + guess / 8 + 40);
     let modes = least(guess, long.modes(), |modes| {
         let g = long.truncated(modes);
-        let kept = g.keeps_digits(tolerance, demand.round_off);
+        let kept = g.keeps_digits(tolerance, requirements.round_off);
         (kept && g.meets(circle, [lower, upper], SHARE * tolerance)).then_some(modes)
     })?;
     long.coefficients.truncate(modes);

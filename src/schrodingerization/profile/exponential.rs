@@ -34,11 +34,11 @@ pub struct Exponential {
 }
 
 impl Exponential {
-    /// The profile of `α` for `demand`, and its window.
-    pub fn meeting(alpha: &Alpha, demand: &ProfileRequirements) -> Option<(Self, Window)> {
+    /// The profile of `α` for `requirements`, and its window.
+    pub fn meeting(alpha: &Alpha, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
         let profile = Self { alpha: alpha.clone() };
-        let round_off = demand.round_off * profile.excess();
-        best_window(profile, 0.0, &ProfileRequirements { round_off, ..*demand })
+        let round_off = requirements.round_off * profile.excess();
+        best_window(profile, 0.0, &ProfileRequirements { round_off, ..*requirements })
     }
 
     /// Bound on `Σ|c_l|` as a multiple of 2, the value that plans assume.

@@ -38,7 +38,7 @@ pub fn normal_quantile(epsilon: f64) -> f64 {
 }
 
 impl Gaussian {
-    /// The profiles that meet `demand` when read from `p = 0` on, by rising width.
+    /// The profiles that meet `requirements` when read from `p = 0` on, by rising width.
     ///
     /// The conditions: `p0 = −zσ − growth`, `Φ(−z) = ε`; round-off,
     /// `exp(−p0 + σ²/2) ≤ ε/(20 ε_machine)`; left tail `q = σ² + σ√(σ² + 2(−p0 + ln 1/ε))` and
@@ -47,9 +47,9 @@ impl Gaussian {
     /// `μ_max² = 1 + 2(ln 1/ε − p0)/σ²`.
     fn candidates(
         sigma: Option<f64>,
-        demand: &ProfileRequirements,
+        requirements: &ProfileRequirements,
     ) -> impl Iterator<Item = Self> + use<> {
-        let &ProfileRequirements { tolerance, growth, decay, reach, round_off, .. } = demand;
+        let &ProfileRequirements { tolerance, growth, decay, reach, round_off, .. } = requirements;
         const WIDTHS: i32 = 600;
         let z = normal_quantile(tolerance);
         let digits = -tolerance.ln();
@@ -76,20 +76,24 @@ impl Gaussian {
         })
     }
 
-    /// The cheapest profile for `demand`: of the width with the least `P μ_max (μ_max + 1)`, the
-    /// cost of a run. For a given `p◇` the switch is moved along, so that all is as for `p◇ = 0`.
-    pub fn meeting(sigma: Option<f64>, demand: &ProfileRequirements) -> Option<(Self, Window)> {
-        let point = demand.recovery.unwrap_or(0.0);
+    /// The cheapest profile for `requirements`: of the width with the least `P μ_max (μ_max + 1)`,
+    /// the cost of a run. For a given `p◇` the switch is moved along, so that all is as for
+    /// `p◇ = 0`.
+    pub fn meeting(
+        sigma: Option<f64>,
+        requirements: &ProfileRequirements,
+    ) -> Option<(Self, Window)> {
+        let point = requirements.recovery.unwrap_or(0.0);
         let moved = |mut profile: Self| {
             profile.offset += point;
             let window =
                 Window { point, distance: 0.0, period: profile.period, cutoff: profile.cutoff };
             (profile, window)
         };
-        Self::candidates(sigma, demand)
+        Self::candidates(sigma, requirements)
             .map(moved)
-            .filter(|(profile, window)| demand.admits(profile, window))
-            .min_by(|(_, a), (_, b)| demand.rank(a).total_cmp(&demand.rank(b)))
+            .filter(|(profile, window)| requirements.admits(profile, window))
+            .min_by(|(_, a), (_, b)| requirements.rank(a).total_cmp(&requirements.rank(b)))
     }
 }
 
@@ -146,8 +150,8 @@ mod tests {
     }
 
     fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Gaussian> {
-        let demand = ProfileRequirements::new(tolerance, growth, decay, reach);
-        Gaussian::meeting(None, &demand).map(|(g, _)| g)
+        let requirements = ProfileRequirements::new(tolerance, growth, decay, reach);
+        Gaussian::meeting(None, &requirements).map(|(g, _)| g)
     }
 
     #[test]
@@ -208,8 +212,8 @@ mod tests {
     #[test]
     fn round_off_sets_the_limit() {
         let limit = |growth, decay| {
-            let demand = ProfileRequirements::new(0.1, growth, decay, 0.0);
-            Profile::smallest_tolerance(&ProfileChoice::Gaussian { sigma: None }, &demand)
+            let requirements = ProfileRequirements::new(0.1, growth, decay, 0.0);
+            Profile::smallest_tolerance(&ProfileChoice::Gaussian { sigma: None }, &requirements)
         };
         let smallest = limit(0.375, 127.0).expect("possible");
         assert_eq!(limit(50.0, 127.0), None);

@@ -34,23 +34,23 @@ fn normal(x: f64) -> f64 {
 }
 
 impl LowSomma {
-    /// The cheapest for `demand`, with `c` chosen unless it is given; read at `p◇ = Λ⁺ + c`.
-    pub fn meeting(c: Option<f64>, demand: &ProfileRequirements) -> Option<(Self, Window)> {
+    /// The cheapest for `requirements`, with `c` chosen unless it is given; read at `p◇ = Λ⁺ + c`.
+    pub fn meeting(c: Option<f64>, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
         // 0.25 to 16, in equal ratios.
-        let planned: Vec<f64> = match (c, demand.recovery) {
+        let planned: Vec<f64> = match (c, requirements.recovery) {
             (Some(c), _) => vec![c],
-            (None, Some(point)) if point > demand.growth => vec![point - demand.growth],
+            (None, Some(point)) if point > requirements.growth => vec![point - requirements.growth],
             (None, Some(_)) => vec![1.0],
             (None, None) => (0..=48).map(|i| 0.25 * 2f64.powf(f64::from(i) / 8.0)).collect(),
         };
         let planned = planned.into_iter().filter_map(|c| {
-            let allowed = DEVIATION * demand.tolerance * (-demand.growth).exp();
+            let allowed = DEVIATION * requirements.tolerance * (-requirements.growth).exp();
             let profile = Self::within(c, allowed)?;
-            let point = demand.recovery.unwrap_or(demand.growth + c);
-            let demand = ProfileRequirements { recovery: Some(point), ..*demand };
-            best_window(profile, c, &demand)
+            let point = requirements.recovery.unwrap_or(requirements.growth + c);
+            let requirements = ProfileRequirements { recovery: Some(point), ..*requirements };
+            best_window(profile, c, &requirements)
         });
-        planned.min_by(|(_, a), (_, b)| demand.rank(a).total_cmp(&demand.rank(b)))
+        planned.min_by(|(_, a), (_, b)| requirements.rank(a).total_cmp(&requirements.rank(b)))
     }
 
     /// The profile of the largest `σ` with `|e^p g − 1| ≤ allowed` for `p ≥ c`.

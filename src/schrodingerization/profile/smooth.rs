@@ -61,9 +61,9 @@ fn factorial(n: usize) -> f64 {
 }
 
 impl Smooth {
-    /// The profile of `r = order` for `demand`, and its window.
-    pub fn meeting(order: usize, demand: &ProfileRequirements) -> Option<(Self, Window)> {
-        best_window(Self::new(order), 0.0, demand)
+    /// The profile of `r = order` for `requirements`, and its window.
+    pub fn meeting(order: usize, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+        best_window(Self::new(order), 0.0, requirements)
     }
 
     /// The profile of `r = order`, between 1 and

@@ -49,8 +49,8 @@ fn all_profiles() -> Vec<(Choice, &'static [f64])> {
     profiles().into_iter().chain([jump]).collect()
 }
 
-fn planned(choice: &Choice, demand: &ProfileRequirements) -> (Profile, Window) {
-    Profile::plan(choice, demand).unwrap_or_else(|| panic!("{choice:?} {demand:?}"))
+fn planned(choice: &Choice, requirements: &ProfileRequirements) -> (Profile, Window) {
+    Profile::plan(choice, requirements).unwrap_or_else(|| panic!("{choice:?} {requirements:?}"))
 }
 
 fn shape(profile: &Profile) -> &dyn ProfileShape {
@@ -107,9 +107,9 @@ fn a_formula_without_p_is_the_constant() {
         let [constant, formula] = [exponential(alpha), exponential(&format!("{alpha} + 0*p"))];
         assert_ne!(constant, formula);
         for (growth, decay) in [(0.0, 3.0), (0.375, 40.0)] {
-            let demand = ProfileRequirements::new(1e-2, growth, decay, 0.0);
+            let requirements = ProfileRequirements::new(1e-2, growth, decay, 0.0);
             let [(a, of_constant), (b, of_formula)] =
-                [&constant, &formula].map(|choice| planned(choice, &demand));
+                [&constant, &formula].map(|choice| planned(choice, &requirements));
             let [g, h] = [shape(&a), shape(&b)];
             for mu in [0.0, 0.4, 7.0, 33.0, 400.0, 1e4] {
                 let error = (g.coefficient(mu) - h.coefficient(mu)).norm();
@@ -223,12 +223,15 @@ fn rounding_is_amplified_as_planned() {
 }
 
 /// `e^{p◇}` times the error of the series on the domain of dependence, relative to the tolerance.
-fn worst(series: &Series, demand: &ProfileRequirements, window: &Window) -> f64 {
-    let (from, to) = (window.point - demand.growth, window.point + demand.reach + demand.decay);
+fn worst(series: &Series, requirements: &ProfileRequirements, window: &Window) -> f64 {
+    let (from, to) = (
+        window.point - requirements.growth,
+        window.point + requirements.reach + requirements.decay,
+    );
     let count = 400;
     (0..=count)
         .map(|i| from + (to - from) * f64::from(i) / f64::from(count))
-        .map(|p| (series.value(p) - (-p).exp()).abs() * window.point.exp() / demand.tolerance)
+        .map(|p| (series.value(p) - (-p).exp()).abs() * window.point.exp() / requirements.tolerance)
         .fold(0.0, f64::max)
 }
 
@@ -237,32 +240,33 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
     for (choice, tolerances) in all_profiles() {
         for &tolerance in tolerances {
             for (growth, decay) in [(0.0, 3.0), (0.375, 40.0), (2.0, 127.0)] {
-                let mut demand = ProfileRequirements::new(tolerance, growth, decay, 0.0);
-                if Profile::plan(&choice, &demand).is_none() {
+                let mut requirements = ProfileRequirements::new(tolerance, growth, decay, 0.0);
+                if Profile::plan(&choice, &requirements).is_none() {
                     // Round-off makes this tolerance impossible, but not a slightly larger one.
-                    let least = Profile::smallest_tolerance(&choice, &demand).expect("possible");
+                    let least =
+                        Profile::smallest_tolerance(&choice, &requirements).expect("possible");
                     assert!(least > tolerance && least < 1e-7, "{choice:?}: {least:e}");
                     continue;
                 }
-                let (profile, window) = planned(&choice, &demand);
+                let (profile, window) = planned(&choice, &requirements);
                 let modes = window.modes(window.period) as usize;
                 let series =
                     Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
-                let error = worst(&series, &demand, &window);
+                let error = worst(&series, &requirements, &window);
                 let limit = if choice == GAUSSIAN { 3.0 * growth.exp() } else { 1.0 };
                 assert!(error < limit, "{profile}, {tolerance}, {growth}, {decay}: {error}");
 
-                demand.sampled = true;
-                demand.truncation = 0.2;
-                let (profile, window) = planned(&choice, &demand);
-                let interval = demand.ends(shape(&profile), &window);
+                requirements.sampled = true;
+                requirements.truncation = 0.2;
+                let (profile, window) = planned(&choice, &requirements);
+                let interval = requirements.ends(shape(&profile), &window);
                 let modes = window.modes(interval[1] - interval[0]) as usize;
                 if modes > 20_000 {
                     continue;
                 }
                 let series =
                     Series::sampled(interval, 2 * (modes - 1), |p| shape(&profile).value(p));
-                let error = worst(&series, &demand, &window);
+                let error = worst(&series, &requirements, &window);
                 assert!(
                     error < limit,
                     "{profile} sampled, {tolerance}, {growth}, {decay}: {error}"
@@ -276,11 +280,11 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
 #[test]
 fn series_reach_as_far_as_readings() {
     for (choice, tolerances) in all_profiles() {
-        let demand = ProfileRequirements::new(tolerances[0], 0.375, 10.0, 1.5);
-        let (profile, window) = planned(&choice, &demand);
+        let requirements = ProfileRequirements::new(tolerances[0], 0.375, 10.0, 1.5);
+        let (profile, window) = planned(&choice, &requirements);
         let modes = window.modes(window.period) as usize;
         let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
-        let error = worst(&series, &demand, &window);
+        let error = worst(&series, &requirements, &window);
         assert!(error < 3.0 * 0.375f64.exp(), "{profile}: {error}");
     }
 }
@@ -340,9 +344,9 @@ fn low_somma_is_as_published() {
             // Spacing: at most 2 pi over the period that our conditions require, and not half of
             // it.
             let decay = 60.0;
-            let demand = ProfileRequirements::new(tolerance, 0.0, decay, 0.0);
+            let requirements = ProfileRequirements::new(tolerance, 0.0, decay, 0.0);
             let spacing = PI / (0.5 * decay + (64.0 * (1.5 * c).exp() / (15.0 * tolerance)).ln());
-            let period = demand.period(&published, c);
+            let period = requirements.period(&published, c);
             let ratio = 2.0 * PI / period / spacing;
             assert!((0.9..2.0).contains(&ratio), "{c} {tolerance}: {ratio}");
         }

@@ -157,31 +157,31 @@ impl Window {
 pub fn best_window<P: ProfileShape>(
     profile: P,
     edge: f64,
-    demand: &ProfileRequirements,
+    requirements: &ProfileRequirements,
 ) -> Option<(P, Window)> {
-    let planned = [0.0, 1.0].map(|further| demand.growth + edge + further);
-    let points = match &demand.recovery {
+    let planned = [0.0, 1.0].map(|further| requirements.growth + edge + further);
+    let points = match &requirements.recovery {
         Some(point) => std::slice::from_ref(point),
         None => &planned[..],
     };
     let window = (points.iter())
-        .filter_map(|&point| window(&profile, edge, demand, point))
-        .filter(|w| demand.admits(&profile, w))
-        .min_by(|a, b| demand.rank(a).total_cmp(&demand.rank(b)))?;
+        .filter_map(|&point| window(&profile, edge, requirements, point))
+        .filter(|w| requirements.admits(&profile, w))
+        .min_by(|a, b| requirements.rank(a).total_cmp(&requirements.rank(b)))?;
     Some((profile, window))
 }
 
 fn window(
     shape: &dyn ProfileShape,
     edge: f64,
-    demand: &ProfileRequirements,
+    requirements: &ProfileRequirements,
     point: f64,
 ) -> Option<Window> {
-    if !demand.keeps_digits(point) {
+    if !requirements.keeps_digits(point) {
         return None;
     }
-    let distance = point - demand.growth - edge;
-    let allowed = demand.truncation * demand.tolerance * (-point).exp();
+    let distance = point - requirements.growth - edge;
+    let allowed = requirements.truncation * requirements.tolerance * (-point).exp();
     // Below MOST, in equal ratios.
     const MOST: f64 = 1e12;
     let refused = |x: f64| shape.tail(x.exp(), distance.max(0.0)) > allowed;
@@ -190,9 +190,9 @@ fn window(
         point,
         distance,
         // The corners of the next period are not closer.
-        period: demand
+        period: requirements
             .period(shape, point)
-            .max(point + demand.reach + demand.decay + distance + 1.0),
+            .max(point + requirements.reach + requirements.decay + distance + 1.0),
         cutoff: cutoff.exp(),
     })
 }

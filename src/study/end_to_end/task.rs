@@ -22,6 +22,7 @@ use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
 use crate::study::end_to_end::methods::{DegreeCost, QuantumMethod};
 use crate::study::end_to_end::traced::{TracedDensity, velocity_volume};
 use crate::study::grids::on_grid;
+use crate::study::quantum_setups::ProbedCase;
 use std::cell::RefCell;
 
 /// Parts of the error: for the grid, the evolution, the measurement.
@@ -58,7 +59,7 @@ struct StateOfMethod {
     profile: Option<ProfileChoice>,
     recovery: LabelledNumber,
     points: LabelledNumber,
-    demand: EvolutionRequirements,
+    requirements: EvolutionRequirements,
     probability: LabelledNumber,
 }
 
@@ -109,8 +110,8 @@ impl DensityTask<'_> {
     ) -> Result<QuantumMethod> {
         let tolerance = (PARTS[1] * self.accuracy / measured.spread).min(0.1);
         let scheme = Case { tolerance, ..scheme.clone() };
-        let mut prepared = Prepared::here(self.world, &scheme)?;
-        let RoughSolution { ratio, norms } = prepared.rough_solution();
+        let ProbedCase { prepared, rough } = ProbedCase::new(self.world, &scheme)?;
+        let RoughSolution { ratio, norms } = rough;
         let factor = measured.factor(PARTS[0] * self.accuracy);
         let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
         let target = on_grid(&scheme, &shape);
@@ -125,11 +126,11 @@ impl DensityTask<'_> {
             false => self.cheapest_state(&target, &bounds, ratio, norms, accesses)?,
         };
         // The density is the amplitude of the all-zero outcome of a complete circuit.
-        let probability = state.probability.value().unwrap_or(f64::NAN);
+        let probability = state.probability.or_nan();
         let register = root_evaluations(probability, overlap_error);
         let evolutions = LabelledNumber::estimate(preparations(register), MEASURED);
         let evolutions_of_both = [evolutions.clone(), evolutions.clone()];
-        let cost = accesses.least(&state.demand, &evolutions_of_both).cost;
+        let cost = accesses.least(&state.requirements, &evolutions_of_both).cost;
         let mut grids = measured.grids.clone();
         grids.push(shape);
         Ok(QuantumMethod {
@@ -143,7 +144,7 @@ impl DensityTask<'_> {
             recovery: state.recovery,
             points: state.points,
             tolerance: LabelledNumber::estimate(tolerance, SPREAD),
-            walk_tolerance: state.demand.tolerance,
+            walk_tolerance: state.requirements.tolerance,
             probability: state.probability,
             evolutions,
             toffoli: cost.evolution.toffoli.clone(),
@@ -192,24 +193,24 @@ impl DensityTask<'_> {
         let world = &self.world.group();
         let system = System { world: Some(world), case: target, bounds, ratio, norms, accesses };
         let ranking = Ranking::new(choices(&system, &mut Progress::silent()));
-        let first = ranking.first().and_then(|choice| Some((choice, choice.demand.clone()?)));
-        let Some((choice, demand)) = first else {
+        let first = ranking.first().and_then(|choice| Some((choice, choice.requirements.clone()?)));
+        let Some((choice, requirements)) = first else {
             let why = ranking.0.first().and_then(CostedChoice::why_not);
             let why = why.unwrap_or_default();
             return Err(Error::Input(format!("{}: no profile is planned: {why}", target.name)));
         };
-        let known = choice.nearest().value().unwrap_or(f64::NAN);
+        let known = choice.nearest().or_nan();
         Ok(StateOfMethod {
             profile: Some(choice.profile.clone()),
             recovery: choice.recovery.clone(),
             points: choice.points.clone(),
             probability: LabelledNumber::estimate(known, MEASURED),
-            demand,
+            requirements,
         })
     }
 
-    /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities.
-    /// A trace has `segments` segments at most.
+    /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities. A trace has `segments`
+    /// segments at most.
     pub fn over_characteristics(
         &self,
         space: &PhaseSpace,
@@ -256,7 +257,7 @@ impl DensityTask<'_> {
 /// Qubits of the cheaper sequence and of an estimation with `evaluations` values.
 fn all_qubits(cost: &Cost, evaluations: f64) -> LabelledNumber {
     let qubits = &cost.cheaper().qubits;
-    qubits.with(qubits.value().unwrap_or_default() + evaluations.log2())
+    qubits.with(qubits.or_zero() + evaluations.log2())
 }
 
 impl StateOfMethod {
@@ -266,7 +267,9 @@ impl StateOfMethod {
             profile: None,
             recovery: LabelledNumber::unavailable("one mode has no register of p"),
             points: LabelledNumber::exact(1.0),
-            demand: EvolutionRequirements::unitary(LabelledNumber::estimate(tolerance, SPREAD)),
+            requirements: EvolutionRequirements::unitary(LabelledNumber::estimate(
+                tolerance, SPREAD,
+            )),
             probability: LabelledNumber::exact(1.0),
         }
     }

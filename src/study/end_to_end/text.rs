@@ -20,7 +20,7 @@ pub(super) fn verdict(
     let gates = |way: &QuantumMethod| way.gates_until_measured.value();
     let known: Vec<(&QuantumMethod, f64)> =
         quantum.iter().filter_map(|way| Some((way, gates(way)?))).collect();
-    let seconds = |method: &ClassicalMethod| method.seconds.value().unwrap_or(f64::INFINITY);
+    let seconds = |method: &ClassicalMethod| method.seconds.or_infinite();
     let fastest = classical.iter().min_by(|a, b| seconds(a).total_cmp(&seconds(b)));
     let mut lines = Vec::new();
     if share < 1.0 {
@@ -40,7 +40,7 @@ pub(super) fn verdict(
         let (Some(seconds), Some(baseline)) = (way.physical.seconds.value(), fastest) else {
             continue;
         };
-        let classical = baseline.seconds.value().unwrap_or(f64::NAN);
+        let classical = baseline.seconds.or_nan();
         let wins = if seconds < classical { "wins" } else { "does not win" };
         let pace = way.physical.seconds.because().unwrap_or_default();
         lines.push(format!(

@@ -8,13 +8,13 @@ const DECAYS: [f64; 9] = [1.0, 3.0, 10.0, 40.0, 128.0, 300.0, 512.0, 1000.0, 200
 const GROWTHS: [f64; 3] = [0.0, 0.15, 0.525];
 
 /// Applications of the modes, by their Chebyshev series.
-fn applications(demand: &ProfileRequirements, period: f64, modes: usize) -> usize {
-    let tail = demand.tolerance / (10.0 * modes as f64);
+fn applications(requirements: &ProfileRequirements, period: f64, modes: usize) -> usize {
+    let tail = requirements.tolerance / (10.0 * modes as f64);
     let mut scratch = Vec::new();
     (0..modes)
         .map(|l| {
             let mu = TAU * l as f64 / period;
-            degree(&mut scratch, 0.5 * demand.decay * mu.hypot(1.0), tail)
+            degree(&mut scratch, 0.5 * requirements.decay * mu.hypot(1.0), tail)
         })
         .sum()
 }
@@ -31,8 +31,8 @@ fn value(series: &Series, k: i64) -> f64 {
 
 /// Largest `|g − e^{−p}|/ε` on the domain, at other points than those of the design: equidistant
 /// ones, and at distances from the ends that grow by a factor of 1.1.
-fn worst(demand: &ProfileRequirements, series: &Series) -> f64 {
-    let [lower, upper] = domain(demand);
+fn worst(requirements: &ProfileRequirements, series: &Series) -> f64 {
+    let [lower, upper] = domain(requirements);
     let unit = series.period / TURN as f64;
     let count = 2000.max(4 * series.modes()) as i64;
     let even = (0..=count).map(|i| lower + (upper - lower) * i as f64 / count as f64);
@@ -45,7 +45,7 @@ fn worst(demand: &ProfileRequirements, series: &Series) -> f64 {
         })
         .map(|k| (value(series, k) - (-(k as f64 * unit)).exp()).abs())
         .fold(0.0, f64::max)
-        / demand.tolerance
+        / requirements.tolerance
 }
 
 /// The table of docs/numerics.md:
@@ -58,26 +58,27 @@ fn table_of_designs() {
         for growth in GROWTHS {
             for digits in 2..=12 {
                 let tolerance = 10f64.powi(-digits);
-                let demand = ProfileRequirements::new(tolerance, growth, decay, 1.0);
+                let requirements = ProfileRequirements::new(tolerance, growth, decay, 1.0);
                 let started = Instant::now();
-                let Some((g, window)) = Designed::meeting(&demand) else {
+                let Some((g, window)) = Designed::meeting(&requirements) else {
                     println!("{decay} {growth} {tolerance:e} | none");
                     continue;
                 };
                 let seconds = started.elapsed().as_secs_f64();
                 let modes = g.series.modes();
                 let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
-                let gaussian = Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &demand)
-                    .map_or(0, |(_, w)| {
-                        applications(&demand, w.period, w.modes(w.period) as usize)
-                    });
+                let gaussian =
+                    Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &requirements)
+                        .map_or(0, |(_, w)| {
+                            applications(&requirements, w.period, w.modes(w.period) as usize)
+                        });
                 println!(
                     "{decay:4} {growth:5} {tolerance:e} | {:5.1} {:.3} {modes:4} {:7} {:.2} {:.3} \
                     {seconds:.4} | {gaussian}",
                     window.period - growth - decay - 1.0,
                     window.cutoff,
-                    applications(&demand, window.period, modes),
-                    worst(&demand, &g.series),
+                    applications(&requirements, window.period, modes),
+                    worst(&requirements, &g.series),
                     sum * 20.0 * f64::EPSILON / tolerance,
                 );
             }
@@ -99,24 +100,25 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 if !chosen || (decay > 600.0 && digits > 9) {
                     continue;
                 }
-                let demand = ProfileRequirements::new(10f64.powi(-digits), growth, decay, 1.0);
+                let requirements =
+                    ProfileRequirements::new(10f64.powi(-digits), growth, decay, 1.0);
                 let what = format!("{decay} {growth} 1e-{digits}");
-                let (g, window) = Designed::meeting(&demand).expect(&what);
-                let error = worst(&demand, &g.series);
+                let (g, window) = Designed::meeting(&requirements).expect(&what);
+                let error = worst(&requirements, &g.series);
                 assert!(error < 0.8, "{what}: {error}");
-                let reported = g.error / demand.tolerance;
+                let reported = g.error / requirements.tolerance;
                 assert!((0.5 * error..=SHARE).contains(&reported), "{what}: {reported}");
                 let modes = g.series.modes();
                 let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
-                assert!(sum <= demand.tolerance / (20.0 * f64::EPSILON), "{what}: {sum:e}");
-                let own = applications(&demand, window.period, modes);
-                let (_, w) =
-                    Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &demand).expect(&what);
-                let gaussian = applications(&demand, w.period, w.modes(w.period) as usize);
+                assert!(sum <= requirements.tolerance / (20.0 * f64::EPSILON), "{what}: {sum:e}");
+                let own = applications(&requirements, window.period, modes);
+                let (_, w) = Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &requirements)
+                    .expect(&what);
+                let gaussian = applications(&requirements, w.period, w.modes(w.period) as usize);
                 let factor = if own > 300 { 3 } else { 2 };
                 assert!(factor * own <= gaussian, "{what}: {own}, {gaussian}");
                 // The plan contains this design.
-                let planned = Profile::plan(&ProfileChoice::Planned, &demand);
+                let planned = Profile::plan(&ProfileChoice::Planned, &requirements);
                 assert_eq!(planned, Some((Profile::Designed(g), window)), "{what}");
             }
         }
@@ -128,9 +130,10 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
 #[test]
 fn cut_off_is_near_the_optimum() {
     for digits in [6, 9, 11] {
-        let demand = ProfileRequirements::new(10f64.powi(-digits), 0.0, 300.0, 0.0);
-        let (_, window) = Designed::meeting(&demand).expect("possible");
-        let least = (FRAC_PI_2 * crate::schrodingerization::profile::designed::digits(&demand)
+        let requirements = ProfileRequirements::new(10f64.powi(-digits), 0.0, 300.0, 0.0);
+        let (_, window) = Designed::meeting(&requirements).expect("possible");
+        let least = (FRAC_PI_2
+            * crate::schrodingerization::profile::designed::digits(&requirements)
             / MOST_CANCELLATION)
             .tan();
         let ratio = window.cutoff / least;
@@ -146,18 +149,18 @@ fn refused_where_it_is_not_possible() {
     };
     let designed = smallest(&ProfileChoice::Designed, 1.0).expect("possible");
     assert!((designed / (SMALLEST * 1f64.exp()) - 1.0).abs() < 1e-9, "{designed:e}");
-    let demand = |tolerance| ProfileRequirements::new(tolerance, 1.0, 100.0, 1.0);
-    assert!(Designed::meeting(&demand(1.001 * designed)).is_some());
-    assert!(Designed::meeting(&demand(0.999 * designed)).is_none());
+    let requirements = |tolerance| ProfileRequirements::new(tolerance, 1.0, 100.0, 1.0);
+    assert!(Designed::meeting(&requirements(1.001 * designed)).is_some());
+    assert!(Designed::meeting(&requirements(0.999 * designed)).is_none());
     assert_eq!(smallest(&ProfileChoice::Designed, f64::INFINITY), None);
     assert_eq!(smallest(&ProfileChoice::Planned, f64::INFINITY), None);
     // The domain of the Gaussian is smaller, and the plan extends as far.
     let gaussian = smallest(&ProfileChoice::Gaussian { sigma: None }, 1.0).expect("possible");
     assert_eq!(smallest(&ProfileChoice::Planned, 1.0), Some(gaussian.min(designed)));
     for by_hand in [
-        ProfileRequirements { sampled: true, ..demand(1e-6) },
-        ProfileRequirements { interval: Some([-1e3, 1e3]), ..demand(1e-6) },
-        ProfileRequirements { decay: 1.001 * LONGEST, ..demand(1e-6) },
+        ProfileRequirements { sampled: true, ..requirements(1e-6) },
+        ProfileRequirements { interval: Some([-1e3, 1e3]), ..requirements(1e-6) },
+        ProfileRequirements { decay: 1.001 * LONGEST, ..requirements(1e-6) },
     ] {
         assert_eq!(Profile::plan(&ProfileChoice::Designed, &by_hand), None);
         assert!(matches!(
@@ -170,10 +173,10 @@ fn refused_where_it_is_not_possible() {
 /// For another recovery point, the profile is shifted: `e^{p◇} c_l e^{iμ_l p◇}` do not change.
 #[test]
 fn recovery_point_by_hand_moves_it() {
-    let mut demand = ProfileRequirements::new(1e-6, 0.2, 30.0, 1.0);
-    let (zero, _) = Designed::meeting(&demand).expect("possible");
-    demand.recovery = Some(2.5);
-    let (moved, window) = Designed::meeting(&demand).expect("possible");
+    let mut requirements = ProfileRequirements::new(1e-6, 0.2, 30.0, 1.0);
+    let (zero, _) = Designed::meeting(&requirements).expect("possible");
+    requirements.recovery = Some(2.5);
+    let (moved, window) = Designed::meeting(&requirements).expect("possible");
     assert_eq!((window.point, moved.domain), (2.5, [2.3, 32.5]));
     for p in [-0.2, 0.0, 1.0, 17.0, 31.0] {
         let (a, b) = (zero.series.value(p), 2.5f64.exp() * moved.series.value(p + 2.5));
@@ -195,12 +198,12 @@ fn extreme_demands_are_met_or_refused() {
                 if decay > 1e3 && (tolerance < 1e-3 || growth > 0.0) {
                     continue;
                 }
-                let demand = ProfileRequirements::new(tolerance, growth, decay, reach);
-                let found = Designed::meeting(&demand);
-                assert_eq!(found.is_some(), Designed::possible(&demand), "{demand:?}");
+                let requirements = ProfileRequirements::new(tolerance, growth, decay, reach);
+                let found = Designed::meeting(&requirements);
+                assert_eq!(found.is_some(), Designed::possible(&requirements), "{requirements:?}");
                 if let Some((g, _)) = found {
-                    let error = worst(&demand, &g.series);
-                    assert!(error < 0.8, "{demand:?}: {error}");
+                    let error = worst(&requirements, &g.series);
+                    assert!(error < 0.8, "{requirements:?}: {error}");
                 }
             }
         }
@@ -218,10 +221,10 @@ fn modes_of_single_precision() {
         for digits in 2..=4 {
             let double = ProfileRequirements::new(10f64.powi(-digits), 0.0, decay, 1.0);
             let single = ProfileRequirements { round_off: f64::from(f32::EPSILON), ..double };
-            let [double, single] = [double, single].map(|demand| {
-                Designed::meeting(&demand).map_or("none".to_owned(), |(g, window)| {
+            let [double, single] = [double, single].map(|requirements| {
+                Designed::meeting(&requirements).map_or("none".to_owned(), |(g, window)| {
                     let modes = g.series.modes();
-                    format!("{modes}, {}", applications(&demand, window.period, modes))
+                    format!("{modes}, {}", applications(&requirements, window.period, modes))
                 })
             });
             println!("{decay} 1e-{digits} | {double} | {single}");

@@ -1,4 +1,5 @@
-//! From a case to whole numbers of cells and levels, or the reason why there are none.
+//! A case as its circuit has it ([`CircuitCase`]): whole numbers of cells and levels, or the reason
+//! why there are none.
 
 use crate::base::error::{Error, Result};
 use crate::base::text::word;
@@ -156,17 +157,17 @@ impl CircuitCase {
         let forces = forces(case, &potential)?;
         let of = |bin_bits: usize| {
             let transport = CaseTransport { axes: Vec::new(), forces: forces.clone(), bin_bits };
-            let mut scene = Self { rounded: 0.0, change: 0.0, transport };
+            let mut found = Self { rounded: 0.0, change: 0.0, transport };
             for (a, faces) in faces.iter().enumerate() {
-                scene.add_axis(case, a, faces);
+                found.add_axis(case, a, faces);
             }
-            scene
+            found
         };
         let found = match bins {
             Bins::Given(bits) => Some(of(bits)),
             Bins::Whole => (0..=MOST_BIN_BITS).find(fits).map(of),
             Bins::Within(change) => {
-                (0..=MOST_ROUNDED_BITS).map(of).find(|scene| scene.change <= change)
+                (0..=MOST_ROUNDED_BITS).map(of).find(|found| found.change <= change)
             }
         };
         found.ok_or_else(|| {

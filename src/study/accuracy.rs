@@ -1,0 +1,140 @@
+//! The settings that [`advise`] chooses for an accuracy, and the file that stores them beside the
+//! results of a run.
+
+use crate::base::error::{Error, Result};
+use crate::base::log::report;
+use crate::base::text::seconds_text;
+use crate::base::{checksum, disk};
+use crate::parallel::communicator::World;
+use crate::problem::case::Case;
+use crate::study::advise::report::warnings;
+use crate::study::advise::setups::SetupReport;
+use crate::study::advise::{Request, advise};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// A run that is expected to take more than this multiple of the budget gives a warning.
+const LONG_RUN: f64 = 10.0;
+/// File in the directory of a run that stores what was chosen for its accuracy.
+const CHOICE: &str = "accuracy.json";
+
+/// The `--set` options chosen for an accuracy, as [`CHOICE`] stores them.
+#[derive(Debug, Serialize, Deserialize)]
+struct ChosenSetup {
+    /// The accuracy.
+    accuracy: f64,
+    /// The relative L1 error of the density that the trials expect, if the file is of a version
+    /// that stores it.
+    #[serde(default)]
+    expected_error: Option<f64>,
+    /// Checksum of the case for which it was chosen: its text and its `--set` options.
+    case: String,
+    /// The chosen `--set` options.
+    settings: Vec<String>,
+}
+
+impl ChosenSetup {
+    /// The choice that turned the case `given` into `found`: the overrides that were appended.
+    fn new(given: &Case, found: &Case, accuracy: f64) -> Self {
+        let settings = found.overrides[given.overrides.len()..].to_vec();
+        let expected_error = found.expected_error;
+        Self { accuracy, expected_error, case: checksum_of(given), settings }
+    }
+
+    /// The choice in `directory`, if a run wrote one there.
+    fn read(directory: &Path) -> Option<Self> {
+        serde_json::from_str(&disk::read_text(&directory.join(CHOICE)).ok()?).ok()
+    }
+
+    /// Writes the choice into `directory`.
+    fn write(&self, directory: &Path) -> Result<()> {
+        disk::make(directory)?;
+        let path = directory.join(CHOICE);
+        let text = serde_json::to_string_pretty(self).map_err(|e| disk::failure(&path, &e))?;
+        disk::write_text(&path, &(text + "\n"))
+    }
+}
+
+/// Checksum of the text, the options and the table files that a case was read from.
+fn checksum_of(case: &Case) -> String {
+    let tables: Vec<Option<u64>> = case.tables.iter().map(|file| file.checksum).collect();
+    let text = [&case.text, &case.overrides.join("\n")].map(String::as_str).join("\n");
+    let text = if tables.is_empty() { text } else { format!("{text}\n{tables:?}") };
+    format!("{:016x}", checksum::of_text(text.as_bytes()))
+}
+
+/// `case` with the settings that `directory` stores for it and `accuracy`; `None` if it stores
+/// none. Collective.
+pub fn stored(world: &World, case: &Case, accuracy: f64, directory: &Path) -> Option<Case> {
+    let of_file = || {
+        let found = ChosenSetup::read(directory)?;
+        let same = found.accuracy == accuracy && found.case == checksum_of(case);
+        same.then_some(found)
+    };
+    let choice = world.group().of_first_rank(|| Ok(of_file())).ok()??;
+    let set: Vec<String> = case.overrides.iter().cloned().chain(choice.settings).collect();
+    let found = Case::parse(&case.name, &case.text, &set).ok()?.with_tables_of(case);
+    let expected_error = choice.expected_error;
+    Some(Case { accuracy: Some(accuracy), expected_error, ..found })
+}
+
+/// Stores in `directory` the settings that turned the case `given` into `found`, if `found` has an
+/// accuracy. Collective.
+///
+/// # Errors
+/// As [`disk::make`] and [`disk::write_text`].
+pub fn store(world: &World, given: &Case, found: &Case, directory: &Path) -> Result<()> {
+    let Some(accuracy) = found.accuracy else { return Ok(()) };
+    let write = || ChosenSetup::new(given, found, accuracy).write(directory);
+    world.group().on_first_rank(write)
+}
+
+/// Refuses a directory with an `accuracy.json` that no run wrote. Collective.
+///
+/// # Errors
+/// [`Error::Directory`], the same on all ranks.
+pub fn refuse_foreign(world: &World, directory: &Path) -> Result<()> {
+    world.group().on_first_rank(|| {
+        if !directory.join(CHOICE).exists() || ChosenSetup::read(directory).is_some() {
+            return Ok(());
+        }
+        let reason = format!(
+            "it holds {CHOICE}, which no run wrote; --force replaces it, -o gives another directory"
+        );
+        Err(Error::Directory { path: directory.to_owned(), reason })
+    })
+}
+
+/// `case` with the grid, degree, flux, interface and tolerance that [`advise`] chooses for
+/// `request`. The choice is reported. Collective.
+///
+/// # Errors
+/// As [`advise`]; [`Error::Input`] if nothing is advised.
+pub fn chosen(world: &World, case: &Case, request: Request) -> Result<Case> {
+    let Request { accuracy, budget } = request;
+    let advised = advise(world, case, request)?;
+    let Some(entry) = advised.best_of(case.method) else {
+        let why = advised.why_nothing(case.method);
+        return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));
+    };
+    if world.group().rank() == 0 {
+        report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
+        let of_advice = warnings(case, std::slice::from_ref(entry));
+        for warning in of_advice.into_iter().chain(expensive(entry, budget)) {
+            report(&format!("warning: {warning}"));
+        }
+    }
+    let set: Vec<String> = case.overrides.iter().chain(&entry.settings).cloned().collect();
+    let chosen = Case::parse(&case.name, &case.text, &set)?.with_tables_of(case);
+    Ok(Case { accuracy: Some(accuracy), expected_error: Some(entry.error), ..chosen })
+}
+
+/// A warning of a run that takes long beside the `budget` of its trials, in seconds.
+fn expensive(entry: &SetupReport, budget: f64) -> Option<String> {
+    let seconds = entry.seconds.filter(|seconds| *seconds > LONG_RUN * budget)?;
+    Some(format!(
+        "the run is expected to take {}; a longer --budget tries more set-ups and may find a \
+         cheaper one",
+        seconds_text(seconds)
+    ))
+}
