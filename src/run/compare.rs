@@ -7,7 +7,6 @@ use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
-use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
 use crate::propagate::time_dependent_inflow::Schedule;
@@ -85,7 +84,7 @@ pub fn moment_errors(
     world: &Group,
     volumes: &CellVolumes,
     found: &Moments,
-    exact: &ExactMoments,
+    exact: &Moments,
 ) -> [f64; 2] {
     let difference = |a: &[f64], b: &[f64]| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect()
