@@ -29,9 +29,9 @@ mod task;
 mod text;
 mod traced;
 
-use crate::base::checksum::indices;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
+use crate::base::row_major::indices;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, EndFlux, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;

@@ -9,11 +9,11 @@ pub mod name;
 pub mod table;
 pub mod vary;
 
-use crate::base::checksum::indices;
 use crate::base::error::{CAN_GO_ON, Error, Result};
 use crate::base::log::report;
 use crate::base::machine::{self, RunPart};
 use crate::base::memory;
+use crate::base::row_major::indices;
 use crate::base::text::plain;
 use crate::parallel::communicator::World;
 use crate::problem::case::{self, Case, Method};

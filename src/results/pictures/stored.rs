@@ -1,6 +1,5 @@
 //! A finished run, read from its files: datasets of `result.h5`, planes of these, attributes.
 
-use crate::base::checksum::DatasetBox;
 use crate::base::disk;
 use crate::base::row_major::DatasetBox;
 use crate::base::text::{on_one_line, short};
