@@ -40,8 +40,8 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::{scheme_of, unitary_of};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
-use crate::study::advise::density::exact_density;
 use crate::study::choices::DEGREES;
+use crate::study::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
 use crate::study::end_to_end::task::{
