@@ -67,7 +67,7 @@ pub fn announce_slow_steps(world: &World, case: &Case) {
     const LONG: f64 = 1.0;
     const MANY: usize = 1 << 20;
     let fits = refuse_too_large_here(world, case).is_ok();
-    if world.group().rank() > 0 {
+    if !world.group().is_first() {
         return;
     }
     if let Some(points) = case.warp.points.filter(|&points| points > MANY) {

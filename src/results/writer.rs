@@ -106,7 +106,7 @@ impl<'a> Writer<'a> {
 
     /// Lets rank 0 write something alone.
     fn by_first_rank(&self, write: impl FnOnce() -> Hdf5Result<()>) {
-        if self.world.rank() == 0
+        if self.world.is_first()
             && let Err(error) = write()
         {
             self.trouble.borrow_mut().get_or_insert(error);

@@ -61,6 +61,16 @@ impl<'a> FieldNorms<'a> {
         self.volumes.power_sum(self.world, 2, |i| f[i])
     }
 
+    /// l2 norm of the field, each cell weighted with its volume relative to the mean.
+    pub fn norm(&self) -> f64 {
+        self.square(self.f).sqrt()
+    }
+
+    /// l2 norm of `other`, relative to the field.
+    pub fn relative(&self, other: &[f64]) -> f64 {
+        (self.square(other) / self.square(self.f)).sqrt()
+    }
+
     /// l2 distance to `other`, relative to `other`.
     pub fn distance(&self, other: &[f64]) -> f64 {
         (self.difference(other, 2) / self.square(other)).sqrt()
@@ -233,7 +243,7 @@ pub(crate) fn continued(
     let origin = start.origin?;
     let norms = FieldNorms::new(prepared, f);
     let before = system.norm(&prepared.communicator, &system.states[0], true);
-    let ratio = before / norms.square(f).sqrt();
+    let ratio = before / norms.norm();
     let weights = &system.weights;
     let spread = if weights.are_volumes { 1.0 } else { weights.spread };
     let growth = (weights.certificate.max(0.0) * case.duration()).exp();
@@ -257,12 +267,14 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
     let Some(warp) = &prepared.plan.warp else {
         return Vec::new();
     };
-    let norms = FieldNorms::new(prepared, &solution.fields[0][0]);
     (warp.plateau.iter().zip(&solution.plateau))
-        .map(|(reading, field)| PlateauPoint {
-            p: reading.point,
-            distance: norms.distance_of(field),
-            norm: (norms.square(field) * norms.volumes.mean()).sqrt(),
+        .map(|(reading, field)| {
+            let norms = FieldNorms::new(prepared, field);
+            PlateauPoint {
+                p: reading.point,
+                distance: norms.distance(&solution.fields[0][0]),
+                norm: (norms.square(field) * norms.volumes.mean()).sqrt(),
+            }
         })
         .collect()
 }
@@ -283,7 +295,7 @@ fn estimate(
     let mut found: Option<(f64, f64)> = None;
     for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
         let norms = FieldNorms::new(prepared, &readings[0]);
-        let ratio = system.norm(communicator, state, false) / norms.square(norms.f).sqrt();
+        let ratio = system.norm(communicator, state, false) / norms.norm();
         if !ratio.is_finite() {
             continue;
         }

@@ -291,14 +291,11 @@ fn unweighted(
     let norms: Vec<FieldNorms<'_>> =
         (fields.iter()).map(|readings| FieldNorms::new(prepared, &readings[0])).collect();
     summary.step_error = (norms.iter().zip(recovered.step_errors))
-        .map(|(norms, error)| {
-            let error = prepared.unweighted(error);
-            (norms.square(&error) / norms.square(norms.f)).sqrt()
-        })
+        .map(|(norms, error)| norms.relative(&prepared.unweighted(error)))
         .filter(|e| e.is_finite())
         .reduce(f64::max);
     summary.step_beyond = (norms.iter().zip(&recovered.step_beyond))
-        .map(|(norms, beyond)| beyond / norms.square(norms.f).sqrt())
+        .map(|(norms, beyond)| beyond / norms.norm())
         .fold(0.0, f64::max);
     SolvedFields {
         fields,

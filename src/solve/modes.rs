@@ -155,7 +155,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         let kept = self.keeping.as_deref_mut().map(|keeping| &mut *keeping.kept);
         let read = stage.resume(resumed, task, self.system.matrix, kept, &mut self.recovered);
         task.communicator.world.agree(read)?;
-        if task.communicator.modes.rank() == 0 {
+        if task.communicator.modes.is_first() {
             let state = &resumed.generation.state;
             self.before = state.statistics.clone();
             finished.extend_from_slice(&state.finished);

@@ -107,7 +107,7 @@ impl Budget {
 
     /// Rank 0's numbers on all ranks. Collective.
     pub fn from_rank_zero<const N: usize>(&self, mut numbers: [f64; N]) -> [f64; N] {
-        if self.all.rank() > 0 {
+        if !self.all.is_first() {
             numbers = [f64::NEG_INFINITY; N];
         }
         self.all.max_into(&mut numbers);
