@@ -15,7 +15,7 @@ use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
 use crate::results::summary::{ContinuedResult, FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
-use crate::run::files::SolvedFields;
+use crate::run::fields::SolvedFields;
 use crate::schrodingerization::profile::series::points;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
@@ -74,11 +74,6 @@ impl<'a> FieldNorms<'a> {
     /// l2 distance to `other`, relative to `other`.
     pub fn distance(&self, other: &[f64]) -> f64 {
         (self.difference(other, 2) / self.square(other)).sqrt()
-    }
-
-    /// l2 distance of `other` to the field, relative to the field.
-    fn distance_of(&self, other: &[f64]) -> f64 {
-        (self.difference(other, 2) / self.square(self.f)).sqrt()
     }
 
     /// The largest value of `of(f)`.
