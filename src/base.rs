@@ -18,6 +18,7 @@ pub mod piecewise;
 pub mod progress;
 pub mod quadrature;
 pub mod refusal;
+pub mod row_major;
 pub mod stopwatch;
 pub mod table;
 pub mod text;

@@ -1,7 +1,7 @@
 //! Starts MPI, parses the command line, calls the library and turns an error into an exit code.
 
 use clap::Parser;
-use phasewarp::base::error::Result;
+use phasewarp::base::error::{Error, Result};
 use phasewarp::base::log::{report, say, unwritten};
 use phasewarp::base::machine::{self, RunPart};
 use phasewarp::command::cli::Cli;
@@ -26,27 +26,11 @@ fn main() {
         report("phasewarp: MPI could not be started");
         std::process::exit(1);
     };
-    let rank = world.group().rank();
     // Every rank parses the same command line; only rank 0 prints.
     let code = match parsed {
-        Ok(cli) => match executed(&world, &cli) {
-            Ok(()) => 0,
-            Err(error) => {
-                if rank == 0 && error.is_stop() {
-                    report(&error.to_string());
-                } else if rank == 0 {
-                    report(&format!("error: {error}"));
-                }
-                if error.leaves_files_open() {
-                    // Closing the files, or finalising MPI, would wait for ranks that do not come.
-                    world.group().barrier();
-                    machine::leave(error.exit_code());
-                }
-                error.exit_code()
-            }
-        },
+        Ok(cli) => executed(&world, &cli).map_or_else(|error| failed(&world, &error), |()| 0),
         Err(error) => {
-            if rank == 0 {
+            if world.group().is_first() {
                 // Mistakes go to standard error, help and version to standard output.
                 let text = error.render().to_string();
                 match error.use_stderr() {
@@ -68,6 +52,22 @@ fn main() {
     // Finalises MPI, on every rank, before the exit code is given.
     drop(world);
     std::process::exit(code);
+}
+
+/// Reports the error of a command, and returns its exit code. Ends the program if files are open.
+fn failed(world: &World, error: &Error) -> i32 {
+    if world.group().is_first() {
+        match error.is_stop() {
+            true => report(&error.to_string()),
+            false => report(&format!("error: {error}")),
+        }
+    }
+    if error.leaves_files_open() {
+        // Closing the files, or finalising MPI, would wait for ranks that do not come.
+        world.group().barrier();
+        machine::leave(error.exit_code());
+    }
+    error.exit_code()
 }
 
 /// Executes a command. After it, stop signals do nothing: `mpirun` sends SIGTERM to the others when

@@ -29,16 +29,15 @@ use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources, refuse_too_large};
 use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
 use crate::problem::grid::Axis;
-use crate::problem::legs::Leg;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
+use crate::propagate::descriptor;
 use crate::propagate::method::{PropagatorSetting, RunWork};
-use crate::propagate::{PropagationSpan, descriptor};
 use crate::scheme::rows::transport_rate;
 use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
-use crate::schrodingerization::warp_plan::{PropagatedModes, WarpPlan, refuse_too_long};
+use crate::schrodingerization::warp_plan::{WarpPlan, refuse_too_long};
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt;
@@ -294,38 +293,7 @@ impl Plan {
         tolerance: f64,
         resources: &Resources,
     ) -> Result<Self> {
-        let modes = series.modes();
-        let mut scratch = Vec::new();
-        let mut of_mode = |l| {
-            let (mu, bounds) = (series.wavenumber(l), &self.bounds);
-            let span = PropagationSpan { time: case.duration(), tolerance };
-            propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
-        };
-        let work: Vec<usize> = (0..modes).map(&mut of_mode).collect();
-        let warp = WarpPlan {
-            ratio: 1.0,
-            state_tolerance: tolerance,
-            profile: None,
-            interval: [0.0, series.period],
-            modes,
-            points: None,
-            plateau: Vec::new(),
-            estimator_efficiency: 1.0,
-            estimator_doubt: f64::INFINITY,
-            legs: vec![Leg::new(case.end, false)],
-            leg_work: vec![work.clone()],
-            mode_tolerances: vec![tolerance; modes],
-            applications: case.fields.len() * work.iter().sum::<usize>(),
-            solves: 0,
-            amplification: (readings.first()).map_or(0.0, |r| {
-                let (series, count) = (&series, modes);
-                PropagatedModes { series, count }.amplification(r)
-            }),
-            warnings: Vec::new(),
-            work,
-            readings,
-            series,
-        };
+        let warp = WarpPlan::of_series(case, &self.bounds, series, readings, tolerance);
         Ok(Self {
             layout: Layout::new(case, &self.bounds, Some(&warp), resources)?,
             warp: Some(warp),

@@ -15,8 +15,9 @@
 //! The runs of a [`sweep`] are those of `phasewarp run`. Studies that try settings share modules: a
 //! [`trial`] is a run for its numbers only, a [`budget`] is the time that a study may take,
 //! [`cost`] predicts the seconds of a trial, [`grids`] are coarser and finer grids of a case,
-//! [`choices`] are its other settings, and a [`treatment`] is a measure against growth at jumps.
-//! [`accuracy`] stores what [`advise`] chooses for a run.
+//! [`choices`] are its other settings, and a [`treatment`] is a measure against growth at jumps. A
+//! [`density`] is that of a trial on all of space, and its errors on several grids have an
+//! [`order`]. [`accuracy`] stores what [`advise`] chooses for a run.
 //!
 //! Uses: run, results, and every room below. Only commands use studies. Paper: none.
 //!
@@ -29,9 +30,11 @@ pub mod calibrate;
 pub mod chart;
 pub mod choices;
 pub mod cost;
+pub mod density;
 pub mod end_to_end;
 pub mod files;
 pub mod grids;
+pub mod order;
 pub mod quantum_setups;
 pub mod ranks;
 pub mod spectrum;

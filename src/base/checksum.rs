@@ -11,6 +11,7 @@
 //! `mix` is a permutation of the 64-bit numbers (that of SplitMix64: Steele, Lea, Flood 2014). Any
 //! single changed element changes the sum; other changes go undetected once in 2^64.
 
+use crate::base::row_major::{DatasetBox, number};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -76,7 +77,7 @@ pub fn of_slab(shape: &[usize], slab: &DatasetBox, values: &[f64]) -> u64 {
     let mut sum: u64 = 0;
     let mut place = slab.start.clone();
     for values in values.chunks_exact(run.max(1)) {
-        let first = (shape.iter().zip(&place)).fold(0, |index, (n, at)| index * n + at);
+        let first = number(shape.iter().copied(), place.iter().copied());
         sum = sum.wrapping_add(of_run(first as u64, values.iter().map(|x| x.to_bits())));
         // The next run: all axes but the last, row-major.
         for axis in (0..place.len() - 1).rev() {
@@ -90,81 +91,10 @@ pub fn of_slab(shape: &[usize], slab: &DatasetBox, values: &[f64]) -> u64 {
     sum
 }
 
-/// A box of a dataset.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DatasetBox {
-    /// First element along each axis.
-    pub start: Vec<usize>,
-    /// Elements along each axis.
-    pub count: Vec<usize>,
-}
-
-/// The index along each axis of the element `number` of an array of these `lengths`, row-major.
-pub fn indices(number: usize, lengths: &[usize]) -> Vec<usize> {
-    let mut rest = number;
-    let mut indices: Vec<usize> = lengths.iter().rev().map(|n| (rest % n, rest /= n).0).collect();
-    indices.reverse();
-    indices
-}
-
-impl DatasetBox {
-    /// One range an axis.
-    pub fn of(ranges: &[std::ops::Range<usize>]) -> Self {
-        Self {
-            start: ranges.iter().map(|r| r.start).collect(),
-            count: ranges.iter().map(|r| r.len()).collect(),
-        }
-    }
-
-    /// All of a dataset of this shape.
-    pub fn whole(shape: &[usize]) -> Self {
-        Self { start: vec![0; shape.len()], count: shape.to_vec() }
-    }
-
-    /// This box in a dataset with one more axis, the first, of which it has the range `first`.
-    pub fn after(mut self, first: std::ops::Range<usize>) -> Self {
-        self.start.insert(0, first.start);
-        self.count.insert(0, first.len());
-        self
-    }
-
-    /// Number of elements.
-    pub fn size(&self) -> usize {
-        self.count.iter().product()
-    }
-
-    /// Splits a dataset of this shape into boxes of about `most` elements, in storage order.
-    pub fn pieces(shape: &[usize], most: usize) -> impl Iterator<Item = Self> + use<> {
-        // A box is whole along the axes after `axis`, a range along it, one element along those
-        // before.
-        let mut axis = shape.len().saturating_sub(1);
-        let mut beyond = 1;
-        while axis > 0 && beyond * shape[axis] <= most {
-            beyond *= shape[axis];
-            axis -= 1;
-        }
-        let along = shape.get(axis).copied().unwrap_or(1);
-        let step = (most / beyond.max(1)).clamp(1, along.max(1));
-        let parts = along.div_ceil(step);
-        let before: usize = shape.iter().take(axis).product();
-        let shape = shape.to_vec();
-        (0..before * parts).map(move |piece| {
-            let part = piece % parts;
-            let mut slab = Self::whole(&shape);
-            slab.start[..axis].copy_from_slice(&indices(piece / parts, &shape[..axis]));
-            slab.count[..axis].fill(1);
-            if let Some(n) = shape.get(axis) {
-                slab.start[axis] = part * step;
-                slab.count[axis] = step.min(n - part * step);
-            }
-            slab
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::row_major::indices;
 
     fn values(count: usize) -> Vec<f64> {
         (0..count).map(|i| (i as f64 * 0.7).sin()).collect()

@@ -167,6 +167,12 @@ pub(crate) fn refused(directory: &Path, why: &io::Error) -> Error {
     Error::Directory { path: directory.to_owned(), reason }
 }
 
+/// The refusal to replace `what` in `directory`, where others' files stay unless the user asks.
+pub(crate) fn not_replaced(directory: &Path, what: &str) -> Error {
+    let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
+    Error::Directory { path: directory.to_owned(), reason }
+}
+
 /// An [`Error::Output`] about `path`.
 pub(crate) fn failure(path: &Path, reason: &dyn std::fmt::Display) -> Error {
     Error::Output { path: path.to_owned(), reason: reason.to_string() }

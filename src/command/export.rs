@@ -37,7 +37,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     let exported = export_quantum(world, &case, &directory, args.complete.map(usize::from))?;
     let description = exported.description();
     if let Some(why) = &description.preparation
-        && world.group().rank() == 0
+        && world.group().is_first()
     {
         report(&format!("warning: no preparation.qasm: {why}"));
     }

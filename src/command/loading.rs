@@ -78,7 +78,7 @@ pub fn load_continued(
     let group = world.group();
     let found = group.of_first_rank(|| continuation(directory, until, changes))?;
     let case = Case::parse(&found.name, &found.text, &found.overrides)?;
-    if group.rank() == 0 && !found.left_out.is_empty() {
+    if group.is_first() && !found.left_out.is_empty() {
         let keys = found.left_out.join(" and ");
         report(&format!("--continue: {keys} left out; they list times of the first part"));
     }

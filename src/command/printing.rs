@@ -7,14 +7,14 @@ use std::fmt::Display;
 
 /// Prints text for people on the first rank, wrapped to the width of a terminal.
 pub fn print(world: &World, text: &str) {
-    if world.group().rank() == 0 {
+    if world.group().is_first() {
         say(text.trim_end());
     }
 }
 
 /// Prints output for programs on the first rank without wrapping lines: JSON, file names, scripts.
 pub fn print_unwrapped(world: &World, text: &str) {
-    if world.group().rank() == 0 {
+    if world.group().is_first() {
         say_unwrapped(text.trim_end());
     }
 }

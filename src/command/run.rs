@@ -29,7 +29,7 @@ const STOP_MESSAGES: StopMessages = StopMessages {
 /// # Errors
 /// As [`run::run`] and [`accuracy::choose`].
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
-    let prints = world.group().rank() == 0;
+    let prints = world.group().is_first();
     machine::set_stop_messages(if prints { STOP_MESSAGES } else { StopMessages::default() });
     machine::begin(RunPart::SetUp);
     let RunRequest { case: given, directory } = run_request(world, args)?;
@@ -54,7 +54,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         stop: machine::stop_flag(),
     };
     let summary = run::run(world, &case, &directory, &options)?;
-    if world.group().rank() == 0 {
+    if world.group().is_first() {
         summary.report_late_warnings();
     }
     print(world, &closing_line(&summary, &directory));

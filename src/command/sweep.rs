@@ -64,7 +64,7 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
         walltime: args.walltime,
         stop: machine::stop_flag(),
     };
-    let prints = world.group().rank() == 0;
+    let prints = world.group().is_first();
     machine::set_stop_messages(if prints { STOP_MESSAGES } else { StopMessages::default() });
     machine::begin(RunPart::Modes);
     if let Some(number) = args.index {

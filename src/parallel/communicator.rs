@@ -152,6 +152,11 @@ impl Group {
         self.communicator.rank() as usize
     }
 
+    /// Whether this process is the first of the group.
+    pub fn is_first(&self) -> bool {
+        self.rank() == 0
+    }
+
     /// Number of ranks.
     pub fn size(&self) -> usize {
         self.communicator.size() as usize
@@ -173,7 +178,7 @@ impl Group {
         let mut length = text.len() as u64;
         root.broadcast_into(&mut length);
         let mut bytes =
-            if self.rank() == 0 { text.as_bytes().to_vec() } else { vec![0; length as usize] };
+            if self.is_first() { text.as_bytes().to_vec() } else { vec![0; length as usize] };
         for piece in bytes.chunks_mut(MOST_AT_ONCE) {
             root.broadcast_into(piece);
         }
@@ -221,6 +226,11 @@ impl Group {
     pub fn max_count(&self, value: usize) -> usize {
         debug_assert!(i64::try_from(value).is_ok());
         self.reduced(value as i64, SystemOperation::max()) as usize
+    }
+
+    /// Whether any rank says so. Collective.
+    pub fn any(&self, mine: bool) -> bool {
+        self.max_count(usize::from(mine)) > 0
     }
 
     /// Least count over the ranks; counts are below 2^63.
@@ -326,7 +336,7 @@ impl Group {
     /// Collective.
     pub fn gather_counts(&self, values: &[u64]) -> Vec<u64> {
         let root = self.communicator.process_at_rank(0);
-        if self.rank() > 0 {
+        if !self.is_first() {
             root.gather_into(values);
             return Vec::new();
         }
@@ -400,7 +410,7 @@ impl Group {
     /// # Errors
     /// As `work`, the same on all ranks.
     pub fn on_first_rank<T: Default>(&self, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        self.agree(if self.rank() == 0 { work() } else { Ok(T::default()) })
+        self.agree(if self.is_first() { work() } else { Ok(T::default()) })
     }
 
     /// What `work` finds on the first rank, on every rank. Collective.

@@ -50,7 +50,7 @@ impl Group {
     /// # Errors
     /// As [`agree`](Self::agree).
     pub fn in_time<T>(&self, late: &Error, work: impl FnOnce() -> Result<T>) -> Result<T> {
-        let open = (self.rank() == 0).then(|| deadline(late));
+        let open = (self.is_first()).then(|| deadline(late));
         let agreed = self.agree_in_time(work());
         drop(open);
         agreed

@@ -1,7 +1,7 @@
 //! HDF5 files that all ranks have open together.
 
-use crate::base::checksum::DatasetBox;
 use crate::base::error::{Error, Result};
+use crate::base::row_major::DatasetBox;
 use crate::parallel::communicator::Group;
 use hdf5::{Dataset, File, Hyperslab, SliceOrIndex};
 use ndarray::IxDyn;

@@ -4,8 +4,8 @@
 //! neighbouring space cells (ghosts) carries the flux rows of their common faces; a periodic axis
 //! is not split. Rank `r` has space block `r mod S` and mode group `r / S`.
 
-use crate::base::checksum::indices;
 use crate::base::error::{Error, Result};
+use crate::base::row_major::{indices, number};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use std::ops::Range;
 
@@ -287,7 +287,7 @@ impl Block {
     }
 
     fn space_index(&self, i: &[usize; MAX_DIMENSION]) -> usize {
-        self.shape.iter().zip(i).fold(0, |index, (&cells, &i)| index * cells + i)
+        number(self.shape.iter().copied(), i.iter().copied())
     }
 
     /// The place of global unknown `index`; `None` if it is neither in the block nor a ghost of it.

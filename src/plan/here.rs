@@ -33,7 +33,7 @@ impl Resources {
 
 /// Seconds to evaluate `V` on all cells of space, extrapolated from some of them; 0 for a small
 /// grid. By one rank's clock.
-pub fn seconds_to_evaluate(case: &Case) -> f64 {
+fn seconds_to_evaluate(case: &Case) -> f64 {
     const FEW: usize = 1 << 17;
     const SAMPLE: f64 = 16384.0;
     let axes = &case.space.x;
@@ -49,10 +49,16 @@ pub fn seconds_to_evaluate(case: &Case) -> f64 {
     started.elapsed().as_secs_f64() * case.space.space_cells() as f64 / some as f64
 }
 
-/// Seconds to plan a cell of space and a cell of phase space, beside evaluating `V`: 5.4 s were
-/// measured for 2e6 × 8 cells, 1.7 s for 4000 × 4000.
+/// Seconds for a cell of space before anything is solved, beside evaluating `V`: to locate jumps,
+/// to bound the matrix, to reduce the case and to plan. 5.4 s were measured for 2e6 × 8 cells.
 const SECONDS_PER_SPACE_CELL: f64 = 2e-6;
+/// Seconds to plan a cell of phase space: 1.7 s were measured for 4000 × 4000 cells.
 const SECONDS_PER_PHASE_CELL: f64 = 1e-7;
+
+/// Seconds of the steps on the cells of space before anything is solved. By one rank's clock.
+pub fn seconds_before_solving(case: &Case) -> f64 {
+    seconds_to_evaluate(case) + SECONDS_PER_SPACE_CELL * case.space.space_cells() as f64
+}
 
 /// Reports on the first rank that the steps before the solve take long: evaluating `V` and planning
 /// on a fine grid, as far as it fits into this machine's memory, and planning millions of modes.
@@ -61,7 +67,7 @@ pub fn announce_slow_steps(world: &World, case: &Case) {
     const LONG: f64 = 1.0;
     const MANY: usize = 1 << 20;
     let fits = refuse_too_large_here(world, case).is_ok();
-    if world.group().rank() > 0 {
+    if !world.group().is_first() {
         return;
     }
     if let Some(points) = case.warp.points.filter(|&points| points > MANY) {
@@ -69,8 +75,10 @@ pub fn announce_slow_steps(world: &World, case: &Case) {
         report(&format!("solver.warp.points = {points}: {each}"));
     }
     let (space, all) = (case.space.space_cells() as f64, case.space.cells() as f64);
-    let plan = SECONDS_PER_SPACE_CELL * space + SECONDS_PER_PHASE_CELL * all;
-    let seconds = seconds_to_evaluate(case) + if fits { plan } else { 0.0 };
+    let seconds = match fits {
+        true => seconds_before_solving(case) + SECONDS_PER_PHASE_CELL * all,
+        false => seconds_to_evaluate(case),
+    };
     if seconds > LONG {
         report(&format!(
             "{all:.3e} cells, {space:.3e} of space: evaluating V and planning take about \

@@ -6,7 +6,8 @@
 //! 2. serde makes `CaseTables` of the tree through `reader`, which refuses unknown keys and wrong
 //!    types, and evaluates formulas of constants given for numbers.
 //! 3. `Case::new` makes a [`Case`] of the tables, section by section.
-//! 4. `Case::validate` refuses settings that contradict each other.
+//! 4. `Case::validate` refuses settings that contradict each other; those that studies vary are in
+//!    `conflict`.
 //!
 //! A key of the case file is a field of its section's table, with its default in the table's
 //! `Default` and its check in the table's `check`: `constants`, `axes`, `data`, `solver`, `warp`,
@@ -14,6 +15,7 @@
 
 pub(crate) mod alpha;
 pub(crate) mod axes;
+mod conflict;
 pub(crate) mod constants;
 pub(crate) mod data;
 pub(crate) mod file;
@@ -27,6 +29,7 @@ mod validate;
 pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
+pub use crate::problem::case::conflict::Conflict;
 pub use crate::problem::case::data::{
     Data, Exact, ExactTimes, Inflow, LiouvilleField, MOST_FIELDS, Region, ResultOrigin, StartField,
     TIME, TableFile, TableOf, WarpedStart,
@@ -341,7 +344,7 @@ impl Case {
 
     /// Whether a region reflects part of the particles that could be transmitted.
     pub fn reflects(&self) -> bool {
-        self.potential.iter().any(|region| region.reflection.is_some())
+        self.first_reflection().is_some()
     }
 
     /// The expression that holds the values of a table.

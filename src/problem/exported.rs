@@ -2,7 +2,7 @@
 //! to. Files of another case are not replaced unless the user asks for it.
 
 use crate::base::disk;
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::text::word;
 use crate::problem::case::{Settings, differing_setting};
 use serde::{Deserialize, Serialize};
@@ -51,7 +51,7 @@ impl ExportOwner {
     /// called `names` that no description claims. Only one rank calls it.
     ///
     /// # Errors
-    /// [`Error::Directory`].
+    /// [`crate::base::error::Error::Directory`].
     pub fn refuse_to_replace(&self, directory: &Path, names: &[String]) -> Result<()> {
         let there = |name: &str| std::fs::symlink_metadata(directory.join(name)).is_ok();
         let what = if there(DESCRIPTION) {
@@ -71,8 +71,7 @@ impl ExportOwner {
                 Some(name) => format!("{name} without a {DESCRIPTION} beside it"),
             }
         };
-        let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
-        Err(Error::Directory { path: directory.to_owned(), reason })
+        Err(disk::not_replaced(directory, &what))
     }
 
     /// The owner that the description in `directory` names.
@@ -85,7 +84,7 @@ impl ExportOwner {
 /// complete one.
 ///
 /// # Errors
-/// [`Error::Output`].
+/// [`crate::base::error::Error::Output`].
 pub fn write(directory: &Path, description: &impl Serialize) -> Result<()> {
     let path = directory.join(DESCRIPTION);
     let text = serde_json::to_string_pretty(description).map_err(|e| disk::failure(&path, &e))?;

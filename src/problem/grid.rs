@@ -11,6 +11,7 @@ mod axis;
 
 pub use crate::problem::grid::axis::{Axis, AxisPart};
 
+use crate::base::row_major::number;
 use std::ops::Range;
 
 /// The product of `n` space axes and `n` velocity axes.
@@ -169,7 +170,7 @@ impl PhaseSpace {
 
     /// Global index of the unknown at `cell`.
     pub fn index(&self, cell: &Cell) -> usize {
-        self.axes().zip(cell).fold(0, |index, (axis, &j)| index * axis.cells + j)
+        number(self.axes().map(|axis| axis.cells), cell.iter().copied())
     }
 
     /// The global indices of the unknowns of the element that has these numbers along the axes.

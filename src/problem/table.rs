@@ -2,6 +2,7 @@
 //! the points, or constant around each point.
 
 use crate::base::checksum;
+use crate::base::row_major::indices;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -222,7 +223,7 @@ impl Table {
 /// The coordinates of the value of this number: `x = 1, v = 0.5`.
 fn place_text(axes: &[TableAxis], number: usize) -> String {
     let lengths: Vec<usize> = axes.iter().map(|axis| axis.points.len()).collect();
-    let places = axes.iter().zip(checksum::indices(number, &lengths));
+    let places = axes.iter().zip(indices(number, &lengths));
     let places = places.map(|(axis, at)| format!("{} = {}", axis.name, axis.points[at]));
     places.collect::<Vec<_>>().join(", ")
 }

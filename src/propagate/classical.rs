@@ -279,7 +279,6 @@ impl<'a> Classical<'a> {
         time: f64,
         steps: usize,
     ) {
-        let rows = self.matrix.rows();
         let dt = time / steps as f64;
         for step in 0..steps {
             let now = step as f64 * dt;
@@ -287,25 +286,28 @@ impl<'a> Classical<'a> {
                 Integrator::ForwardEuler | Integrator::Exponential => {
                     self.euler(exchange, state, now, dt);
                 }
-                Integrator::SspRk3 => {
-                    // u1 = E u, u2 = ¾ u + ¼ E u1, u ← ⅓ u + ⅔ E u2, with E u = u + dt (A u + b), b
-                    // at t, t + dt, t + dt/2.
-                    let mut stage = std::mem::take(&mut self.stage);
-                    stage[..rows].copy_from_slice(&state[..rows]);
-                    let stages = [(0.0, 1.0, 0.0), (0.75, 0.25, 1.0), (1.0 / 3.0, 2.0 / 3.0, 0.5)];
-                    for (keep, add, later) in stages {
-                        self.euler(exchange, &mut stage, now + later * dt, dt);
-                        for (s, u) in stage[..rows].iter_mut().zip(&*state) {
-                            *s = keep * u + add * *s;
-                        }
-                    }
-                    state[..rows].copy_from_slice(&stage[..rows]);
-                    self.stage = stage;
-                }
+                Integrator::SspRk3 => self.ssp_rk3(exchange, state, now, dt),
             }
             self.progress.advance(1);
         }
         self.progress.finish();
+    }
+
+    /// A step of the Runge–Kutta method: `u1 = E u`, `u2 = ¾ u + ¼ E u1`, `u ← ⅓ u + ⅔ E u2`, with
+    /// `E u = u + dt (A u + b)`, `b` at `now`, `now + dt`, `now + dt/2`.
+    fn ssp_rk3(&mut self, exchange: &mut GhostExchange, state: &mut [f64], now: f64, dt: f64) {
+        let rows = self.matrix.rows();
+        let mut stage = std::mem::take(&mut self.stage);
+        stage[..rows].copy_from_slice(&state[..rows]);
+        for (keep, add, later) in [(0.0, 1.0, 0.0), (0.75, 0.25, 1.0), (1.0 / 3.0, 2.0 / 3.0, 0.5)]
+        {
+            self.euler(exchange, &mut stage, now + later * dt, dt);
+            for (s, u) in stage[..rows].iter_mut().zip(&*state) {
+                *s = keep * u + add * *s;
+            }
+        }
+        state[..rows].copy_from_slice(&stage[..rows]);
+        self.stage = stage;
     }
 
     /// `state ← state + dt (A state + b(now))`, with slopes if there are any.

@@ -293,18 +293,23 @@ impl LimitedTransport {
                     SideNeighbour::Cell(first) => image[i] += speed * half[first as usize + v],
                     SideNeighbour::Faces(first) => {
                         let face = &self.faces[first as usize + v];
-                        for share in self.shares(face) {
-                            // The source across this face continues its motion; the reflected
-                            // source returns.
-                            let signed = if share.same { -speed } else { speed };
-                            image[i] += signed * share.weight * half[share.column as usize];
-                        }
-                        let rise = face.outside * state[i] - face.entering;
-                        image[i] += 0.5 * speed.abs() * rise;
+                        self.add_across(face, speed, state[i], half, &mut image[i]);
                     }
                 }
             }
         }
+    }
+
+    /// Adds to `image`, at a cell whose value is `f`, what enters across `face` with `speed`.
+    #[inline]
+    fn add_across(&self, face: &LimitedFace, speed: f64, f: f64, half: &[f64], image: &mut f64) {
+        for share in self.shares(face) {
+            // The source across this face continues its motion; the reflected source returns.
+            let signed = if share.same { -speed } else { speed };
+            *image += signed * share.weight * half[share.column as usize];
+        }
+        let rise = face.outside * f - face.entering;
+        *image += 0.5 * speed.abs() * rise;
     }
 }
 

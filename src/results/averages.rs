@@ -3,8 +3,8 @@
 //! Their axes are the centres of the elements, `/axis/element_x`, …, `/axis/element_vz`. Along an
 //! axis of degree 0 the elements are the cells.
 
-use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
+use crate::base::row_major::DatasetBox;
 use crate::matrix::elements::{AxisMatrix, apply_in_elements};
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};

@@ -3,7 +3,7 @@
 use crate::matrix::observables::{Moments, Totals};
 use crate::plan::Plan;
 use crate::problem::case::Case;
-use crate::problem::exact::sheet::sums::{ExactMoments, MultivaluedVelocity};
+use crate::problem::exact::sheet::sums::MultivaluedVelocity;
 use crate::quantum::readout::Readout;
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -15,8 +15,12 @@ pub const RESULT: &str = "result.h5";
 pub enum ExactSolution {
     /// `f` at cell centres.
     Field(Vec<f64>),
-    /// Density and mean velocity as averages over cells, for measure-valued data.
-    Moments(ExactMoments),
+    /// For measure-valued data, which have moments only: the multivalued velocity on all of space,
+    /// in one dimension.
+    Measure {
+        /// Its branches.
+        curve: Option<MultivaluedVelocity>,
+    },
 }
 
 /// The contents of `result.h5`.
@@ -80,7 +84,7 @@ impl<'a> Results<'a> {
     /// The branches of the exact velocity, if they are known.
     pub(crate) fn curve(&self) -> Option<&'a MultivaluedVelocity> {
         match self.exact {
-            Some(ExactSolution::Moments(exact)) => exact.curve.as_ref(),
+            Some(ExactSolution::Measure { curve }) => curve.as_ref(),
             _ => None,
         }
     }

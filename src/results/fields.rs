@@ -1,7 +1,7 @@
 //! The kinds of datasets over space and phase space: name, description, axes. They are in
 //! `result.h5` and, with the time as first index, in its `/history`.
 
-use crate::base::checksum::DatasetBox;
+use crate::base::row_major::DatasetBox;
 use crate::matrix::observables::Moments;
 use crate::problem::case::Data;
 use crate::problem::grid::{PhaseSpace, axis_names};

@@ -13,9 +13,9 @@
 //! `result.h5` or to one time of it, as a list in the same order. So `grids.h5` needs `result.h5`
 //! beside it.
 
-use crate::base::checksum::DatasetBox;
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
+use crate::base::row_major::DatasetBox;
 use crate::parallel::files::selection;
 use crate::problem::case::Case;
 use crate::results::dataset::RESULT;

@@ -11,8 +11,8 @@
 //! | `/axis/field_time` | (N_f) | `output.field_times` |
 //! | `/history/f`; `/history/phi`, `psi` | (N_f, as `/f`, `/phi`); (N_f, n, …) | fields there |
 
-use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
+use crate::base::row_major::DatasetBox;
 use crate::matrix::observables::Totals;
 use crate::problem::case::Case;
 use crate::results::dataset::{EarlyResult, Results};

@@ -1,9 +1,10 @@
 //! Checks that a file holds the values that were written: every dataset is read, and its checksum
 //! is compared with the stored one.
 
-use crate::base::checksum::{self, DatasetBox};
+use crate::base::checksum;
 use crate::base::disk::failure;
 use crate::base::error::Result;
+use crate::base::row_major::DatasetBox;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
 use crate::problem::table::check_size;

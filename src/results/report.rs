@@ -12,8 +12,8 @@ pub mod times;
 pub mod trust;
 
 use crate::base::checksum;
-use crate::base::disk::open_regular;
-use crate::base::error::{Error, Result};
+use crate::base::disk::{not_replaced, open_regular};
+use crate::base::error::Result;
 use crate::base::text::{bytes_text, percent, short};
 use crate::results::ledger::{BoxEnd, Ledger};
 use crate::results::pictures::Album;
@@ -211,7 +211,7 @@ impl Report<'_> {
     /// Refuses to replace a page in `directory` that is not of this case.
     ///
     /// # Errors
-    /// [`Error::Directory`].
+    /// [`crate::base::error::Error::Directory`].
     pub fn refuse_to_replace(&self, directory: &Path) -> Result<()> {
         /// Number of bytes at the beginning of a page that contain its owner.
         const HEAD: u64 = 1000;
@@ -227,8 +227,7 @@ impl Report<'_> {
             true => format!("{NAME} of another case"),
             false => format!("a {NAME} that is not phasewarp's"),
         };
-        let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
-        Err(Error::Directory { path: directory.to_owned(), reason })
+        Err(not_replaced(directory, &what))
     }
 
     /// The sections that are not empty.

@@ -71,10 +71,10 @@ pub fn put_in_place<T>(
     world.on_first_rank(|| disk::clear(&partial).map_err(|e| failure(&partial, &e)))?;
     let written = write(&partial);
     let renamed = match written {
-        Ok(found) if world.rank() == 0 => {
+        Ok(found) if world.is_first() => {
             std::fs::rename(&partial, path).map(|()| found).map_err(|e| failure(path, &e))
         }
-        Err(_) if world.rank() == 0 => {
+        Err(_) if world.is_first() => {
             let _ = std::fs::remove_file(&partial);
             written
         }

@@ -174,41 +174,20 @@ fn of_text(file: &TableFile, text: &str) -> FileResult<Table> {
     let is_data = |(_, line): &(usize, &str)| !line.is_empty() && !line.starts_with('#');
     let mut lines = (1..).zip(text.lines().map(str::trim)).filter(is_data);
     let (_, head) = lines.next().ok_or("is empty")?;
-    let mut axes: Vec<(String, usize)> = Vec::new();
-    let mut column_of_value = None;
     let names: Vec<&str> = head.split(',').map(|name| name.trim().trim_matches('"')).collect();
-    for (column, &name) in names.iter().enumerate() {
-        match file.position_of_axis(name) {
-            Some(position) => axes.push((name.to_owned(), position)),
-            None if name == file.dataset && column_of_value.is_none() => {
-                column_of_value = Some(column);
-            }
-            None => {
-                let (names, value) = (file.axes_text(), &file.dataset);
-                let hint = hint_on_column(file, name);
-                return Err(format!(
-                    "column \"{name}\" in the first line is neither one of the axes {names} nor \
-                     the value \"{value}\"{hint}"
-                ));
-            }
-        }
-    }
-    let column_of_value = column_of_value
-        .ok_or_else(|| format!("has no column \"{}\" in the first line", file.dataset))?;
+    let Columns { axes, value: column_of_value } = Columns::of(file, &names)?;
     let mut places: Vec<Vec<f64>> = vec![Vec::new(); axes.len()];
     let mut values = Vec::new();
     for (number, line) in lines {
         let mut count = 0;
         let mut own = places.iter_mut();
         for (column, word) in line.split(',').map(str::trim).enumerate() {
-            let value: f64 =
-                word.parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| {
-                    let name = names.get(column).map_or(String::new(), |n| format!(" ({n})"));
-                    let column = column + 1;
-                    format!(
-                        "line {number}, column {column}{name}: \"{word}\" is not a finite number"
-                    )
-                })?;
+            let finite = word.parse().ok().filter(|value: &f64| value.is_finite());
+            let value = finite.ok_or_else(|| {
+                let name = names.get(column).map_or(String::new(), |n| format!(" ({n})"));
+                let column = column + 1;
+                format!("line {number}, column {column}{name}: \"{word}\" is not a finite number")
+            })?;
             count += 1;
             if column == column_of_value {
                 values.push(value);
@@ -221,6 +200,38 @@ fn of_text(file: &TableFile, text: &str) -> FileResult<Table> {
         }
     }
     on_grid(axes, &places, &values)
+}
+
+/// The columns of a CSV file.
+struct Columns {
+    /// Name and position of each axis, in the order of the columns.
+    axes: Vec<(String, usize)>,
+    /// The column of the value.
+    value: usize,
+}
+
+impl Columns {
+    /// The columns with these `names`, from the first line.
+    fn of(file: &TableFile, names: &[&str]) -> FileResult<Self> {
+        let (mut axes, mut value) = (Vec::new(), None);
+        for (column, &name) in names.iter().enumerate() {
+            match file.position_of_axis(name) {
+                Some(position) => axes.push((name.to_owned(), position)),
+                None if name == file.dataset && value.is_none() => value = Some(column),
+                None => {
+                    return Err(format!(
+                        "column \"{name}\" in the first line is neither one of the axes {} nor \
+                         the value \"{}\"{}",
+                        file.axes_text(),
+                        file.dataset,
+                        hint_on_column(file, name)
+                    ));
+                }
+            }
+        }
+        let none = || format!("has no column \"{}\" in the first line", file.dataset);
+        Ok(Self { axes, value: value.ok_or_else(none)? })
+    }
 }
 
 /// A hint for the error that the first line of a CSV file has an unknown column of this name.

@@ -9,8 +9,8 @@
 //! the plane is the whole phase space, and moments need no copy. Data of earlier times are in
 //! `/xdmf/history`, with the time as first index.
 
-use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
+use crate::base::row_major::DatasetBox;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::dataset::{ExactSolution, Results};
 use crate::results::fields::{self, DIRECTION, Field};

@@ -10,9 +10,9 @@
 //! [`crate::base::error::Error::Output`], the same on all ranks. After those with [`Hdf5Result`]
 //! the ranks must [`agree`](Writer::agree) on the outcome.
 
-use crate::base::checksum::DatasetBox;
 use crate::base::disk::failure;
 use crate::base::error::Result;
+use crate::base::row_major::DatasetBox;
 use crate::base::{checksum, machine};
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, SharedFile};
@@ -106,7 +106,7 @@ impl<'a> Writer<'a> {
 
     /// Lets rank 0 write something alone.
     fn by_first_rank(&self, write: impl FnOnce() -> Hdf5Result<()>) {
-        if self.world.rank() == 0
+        if self.world.is_first()
             && let Err(error) = write()
         {
             self.trouble.borrow_mut().get_or_insert(error);

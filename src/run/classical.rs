@@ -11,7 +11,7 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::files::SolvedFields;
+use crate::run::fields::SolvedFields;
 use crate::run::history::history;
 use crate::solve::prepared::Prepared;
 
@@ -60,7 +60,7 @@ pub(crate) fn integrate_fields(
     let (mut fields, mut early) = (Vec::new(), Vec::new());
     for (k, start) in system.states.iter().enumerate() {
         let slopes = world.agree(Reconstruction::new(case, &system.matrix, k))?;
-        let progress = Progress::new(prints && world.rank() == 0, "steps", plan.classical_steps);
+        let progress = Progress::new(prints, "steps", plan.classical_steps);
         let mut classical = Classical::of(case, &system.matrix, &system.weights.pi)
             .with_progress(progress)
             .with_slopes(slopes);

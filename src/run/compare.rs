@@ -7,7 +7,6 @@ use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
-use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
 use crate::propagate::time_dependent_inflow::Schedule;
@@ -16,7 +15,7 @@ use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
 use crate::results::summary::{ContinuedResult, FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
-use crate::run::files::SolvedFields;
+use crate::run::fields::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
@@ -61,14 +60,19 @@ impl<'a> FieldNorms<'a> {
         self.volumes.power_sum(self.world, 2, |i| f[i])
     }
 
+    /// l2 norm of the field, each cell weighted with its volume relative to the mean.
+    pub fn norm(&self) -> f64 {
+        self.square(self.f).sqrt()
+    }
+
+    /// l2 norm of `other`, relative to the field.
+    pub fn relative(&self, other: &[f64]) -> f64 {
+        (self.square(other) / self.square(self.f)).sqrt()
+    }
+
     /// l2 distance to `other`, relative to `other`.
     pub fn distance(&self, other: &[f64]) -> f64 {
         (self.difference(other, 2) / self.square(other)).sqrt()
-    }
-
-    /// l2 distance of `other` to the field, relative to the field.
-    fn distance_of(&self, other: &[f64]) -> f64 {
-        (self.difference(other, 2) / self.square(self.f)).sqrt()
     }
 
     /// The largest value of `of(f)`.
@@ -84,7 +88,7 @@ pub fn moment_errors(
     world: &Group,
     volumes: &CellVolumes,
     found: &Moments,
-    exact: &ExactMoments,
+    exact: &Moments,
 ) -> [f64; 2] {
     let difference = |a: &[f64], b: &[f64]| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect()
@@ -235,7 +239,7 @@ pub(crate) fn continued(
     let origin = start.origin?;
     let norms = FieldNorms::new(prepared, f);
     let before = system.norm(&prepared.communicator, &system.states[0], true);
-    let ratio = before / norms.square(f).sqrt();
+    let ratio = before / norms.norm();
     let weights = &system.weights;
     let spread = if weights.are_volumes { 1.0 } else { weights.spread };
     let growth = (weights.certificate.max(0.0) * case.duration()).exp();
@@ -259,12 +263,14 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
     let Some(warp) = &prepared.plan.warp else {
         return Vec::new();
     };
-    let norms = FieldNorms::new(prepared, &solution.fields[0][0]);
     (warp.plateau.iter().zip(&solution.plateau))
-        .map(|(reading, field)| PlateauPoint {
-            p: reading.point,
-            distance: norms.distance_of(field),
-            norm: (norms.square(field) * norms.volumes.mean()).sqrt(),
+        .map(|(reading, field)| {
+            let norms = FieldNorms::new(prepared, field);
+            PlateauPoint {
+                p: reading.point,
+                distance: norms.distance(&solution.fields[0][0]),
+                norm: (norms.square(field) * norms.volumes.mean()).sqrt(),
+            }
         })
         .collect()
 }
@@ -285,7 +291,7 @@ fn estimate(
     let mut found: Option<(f64, f64)> = None;
     for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
         let norms = FieldNorms::new(prepared, &readings[0]);
-        let ratio = system.norm(communicator, state, false) / norms.square(norms.f).sqrt();
+        let ratio = system.norm(communicator, state, false) / norms.norm();
         if !ratio.is_finite() {
             continue;
         }

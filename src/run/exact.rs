@@ -13,6 +13,7 @@ use crate::matrix::sampling::{sample, sample_with};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
+use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
 use crate::results::dataset::ExactSolution;
 use crate::run::exact::sheets::exact_moments;
@@ -144,14 +145,10 @@ fn moments_of_sheet(
         return Ok(None);
     }
     let exact = exact_moments(world, &Case { end: time, ..case.clone() }, &rank_cells.share)?;
-    Ok(exact.map(|exact| {
-        let moments = Moments {
-            density: exact.density.clone(),
-            momentum: exact.momentum.clone(),
-            velocity: exact.velocity.clone(),
-            kinetic: Vec::new(),
-        };
-        AtTime { exact: ExactSolution::Moments(exact), moments, density_errors: Vec::new() }
+    Ok(exact.map(|ExactMoments { density, momentum, velocity, curve }| AtTime {
+        exact: ExactSolution::Measure { curve },
+        moments: Moments { density, momentum, velocity, kinetic: Vec::new() },
+        density_errors: Vec::new(),
     }))
 }
 

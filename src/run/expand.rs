@@ -4,7 +4,6 @@ use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, ExactSolution, slices};
 use crate::results::result_grid::ResultGrid;
@@ -12,7 +11,7 @@ use crate::results::summary::{ErrorNorms, GridErrors, Summary};
 use crate::run::compare::{FieldNorms, moment_errors};
 use crate::run::errors;
 use crate::run::exact::ExactRun;
-use crate::run::files::SolvedFields;
+use crate::run::fields::SolvedFields;
 use crate::run::positive;
 use crate::solve::prepared::Prepared;
 use std::ops::Range;
@@ -110,8 +109,8 @@ impl ResultOnShare<'_> {
         };
         let Self { world, case, share, volumes, .. } = *self;
         let values = match solution {
-            ExactSolution::Moments(exact) => {
-                self.set_moment_errors(exact, summary);
+            ExactSolution::Measure { .. } => {
+                self.set_moment_errors(moments, summary);
                 return Ok(());
             }
             ExactSolution::Field(values) => values,
@@ -134,7 +133,7 @@ impl ResultOnShare<'_> {
 
     /// Puts the distances of the moments of measure-valued data to the exact ones into `summary`.
     /// Collective.
-    fn set_moment_errors(&self, exact: &ExactMoments, summary: &mut Summary) {
+    fn set_moment_errors(&self, exact: &Moments, summary: &mut Summary) {
         let Self { world, volumes, moments, .. } = *self;
         let [density, velocity] = moment_errors(world, volumes, moments, exact);
         let norms = errors::over_space(world, volumes, &[(&moments.density, &exact.density)]);

@@ -22,7 +22,7 @@ impl RunLog {
     /// An empty log. Nothing is printed unless the run `writes` files.
     pub fn new(world: &World, writes: bool) -> Self {
         Self {
-            prints: writes && world.group().rank() == 0,
+            prints: writes && world.group().is_first(),
             warnings: Vec::new(),
             printed: 0,
             watch: Stopwatch::start(world.start_seconds),

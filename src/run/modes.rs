@@ -20,7 +20,8 @@ use crate::results::warped;
 use crate::results::warped::initial_file::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::files::{RunFiles, SolvedFields, WarpedOutput};
+use crate::run::fields::SolvedFields;
+use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::history::history;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
@@ -36,33 +37,27 @@ use num_complex::Complex64;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Solves for every field by the modes of the plan. Collective.
+/// Solves for every field by the modes of the plan; `None` if it has none. Collective.
 ///
 /// # Errors
 /// As [`crate::solve::modes::run`]; files that cannot be written or read, or a start whose `e^p w`
 /// is not flat where it is read.
-///
-/// # Panics
-/// If the plan has no modes.
 pub(crate) fn by_modes(
     prepared: &mut Prepared,
-    files: Option<&mut RunFiles<'_>>,
+    output: &mut SolveOutput<'_>,
     summary: &mut Summary,
-) -> Result<SolvedFields> {
+) -> Result<Option<SolvedFields>> {
     let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
-    let warp = plan.warp.as_ref().expect("a plan by modes");
-    let prints = communicator.world.rank() == 0 && files.is_some();
-    let (warped, mut checkpointing) = match files {
-        Some(RunFiles { warped, checkpointing }) => (Some(warped), checkpointing.as_deref_mut()),
-        None => (None, None),
-    };
+    let Some(warp) = &plan.warp else { return Ok(None) };
+    let SolveOutput { prints, warped, checkpointing } = output;
+    let mut checkpointing = checkpointing.as_deref_mut();
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
     let resumed = generation.map(|found| resume_point(found, plan, communicator, rank_cells));
     summary.resumed = resumed.is_some();
     let fields = system.states.len();
     let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
     let left = cost_left(&plan.layout.groups[communicator.modes.rank()], stages, resumed.as_ref());
-    let mut progress = Progress::new(prints, "modes", left * fields / stages);
+    let mut progress = Progress::new(*prints, "modes", left * fields / stages);
     let modes: Vec<Vec<usize>> = plan.layout.modes();
     let spread = Spread {
         communicator,
@@ -72,7 +67,8 @@ pub(crate) fn by_modes(
         pi: &system.weights.pi[..rank_cells.block.cells()],
         buffers: BUFFERS,
     };
-    let mut start = ModeStart::new(case, plan, &spread, system)?;
+    let planned = PlannedModes { case, plan, warp, spread: &spread };
+    let mut start = ModeStart::new(planned, system)?;
     if let (Some(begun), Some(checkpointing)) = (&start.begun, &mut checkpointing) {
         let generation = resumed.as_ref().map(|r| &r.generation);
         checkpointing.store.begins_with(begun.checksum, generation)?;
@@ -95,8 +91,8 @@ pub(crate) fn by_modes(
         Checkpoints::new(communicator, mesh, &mut c.store, c.times.clone(), size, resumed)
     });
     let schedule = system.schedule.as_ref();
-    let mode_run = ModeRun { case, plan, spread: &spread, rank_cells, schedule, initial: &initial };
-    let kept = start.kept.as_mut();
+    let mode_run = ModeRun { planned, rank_cells, schedule, initial: &initial };
+    let (kept, warped) = (start.kept.as_mut(), warped.as_mut());
     let recovered =
         mode_run.run(&mut evolution, &mut progress, kept, warped, checkpoints.as_mut())?;
     progress.finish();
@@ -104,7 +100,17 @@ pub(crate) fn by_modes(
     set_counts(summary, &recovered, communicator);
     drop(start.kept);
     let warning = start.begun.and_then(|begun| begun.warning);
-    Ok(SolvedFields { warning, ..unweighted(prepared, recovered, summary) })
+    Ok(Some(SolvedFields { warning, ..unweighted(prepared, recovered, summary) }))
+}
+
+/// A case that is solved by modes, its plan, and the distribution of its modes and cells.
+#[derive(Clone, Copy)]
+struct PlannedModes<'a> {
+    case: &'a Case,
+    plan: &'a Plan,
+    /// The modes of the plan.
+    warp: &'a WarpPlan,
+    spread: &'a Spread<'a>,
 }
 
 /// Cost of this rank's `batches` over all `stages` that is left. In a resumed run the stages before
@@ -131,13 +137,13 @@ impl ModeStart {
     ///
     /// # Errors
     /// As [`read_start`].
-    fn new(case: &Case, plan: &Plan, spread: &Spread<'_>, system: &DiscreteSystem) -> Result<Self> {
-        let warp = plan.warp.as_ref().expect("a plan by modes");
+    fn new(planned: PlannedModes<'_>, system: &DiscreteSystem) -> Result<Self> {
+        let PlannedModes { case, warp, spread, .. } = planned;
         let communicator = spread.communicator;
         let own = &spread.modes[communicator.modes.rank()];
         let mut kept = (warp.points).map(|_| RankModes::new(system.matrix.rows(), own.clone()));
         let begun = match (&case.start, &mut kept) {
-            (Some(start), Some(kept)) => Some(read_start(start, plan, case, spread, system, kept)?),
+            (Some(start), Some(kept)) => Some(read_start(start, planned, system, kept)?),
             _ => None,
         };
         let norm = |state: &Vec<f64>| match &begun {
@@ -156,9 +162,7 @@ impl ModeStart {
 
 /// The propagation of all modes of a run, from their start to the recovered fields.
 struct ModeRun<'a> {
-    case: &'a Case,
-    plan: &'a Plan,
-    spread: &'a Spread<'a>,
+    planned: PlannedModes<'a>,
     rank_cells: &'a RankCells,
     schedule: Option<&'a Schedule>,
     initial: &'a [InitialState<'a>],
@@ -178,9 +182,8 @@ impl ModeRun<'_> {
         mut files: Option<&mut WarpedOutput<'_>>,
         checkpoints: Option<&mut Checkpoints<'_>>,
     ) -> Result<RecoveredFields> {
-        let Self { plan, spread, rank_cells, .. } = self;
+        let PlannedModes { case, plan, warp, spread } = self.planned;
         let (communicator, space) = (spread.communicator, spread.space);
-        let warp = plan.warp.as_ref().expect("a plan by modes");
         let setting = plan.propagator_setting(warp);
         let made = propagator(&setting, self.schedule, evolution.matrix);
         let mut propagator = communicator.world.agree(made)?;
@@ -196,14 +199,14 @@ impl ModeRun<'_> {
             legs: &warp.legs,
             batches: &plan.layout.groups[communicator.modes.rank()],
             initial: self.initial,
-            shares: &rank_cells.ranges,
+            shares: &self.rank_cells.ranges,
             moments: Some(&moments),
         };
         let mut after = |field: usize, leg: usize, kept: &RankModes| match files.as_mut() {
             Some(files) => self.write(files, field, leg, kept),
             None => Ok(()),
         };
-        let begun = self.case.start.is_some();
+        let begun = case.start.is_some();
         let mut keeping = kept.map(|kept| FullRunModes { kept, begun, after: &mut after });
         let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints };
         if hooks.checkpoints.is_some() {
@@ -225,8 +228,8 @@ impl ModeRun<'_> {
         leg: usize,
         kept: &RankModes,
     ) -> Result<()> {
-        let (case, plan) = (self.case, self.plan);
-        let WarpPlan { series, interval, legs, .. } = plan.warp.as_ref().expect("a plan by modes");
+        let PlannedModes { case, plan, warp, spread } = self.planned;
+        let WarpPlan { series, interval, legs, .. } = warp;
         // Files of times before the end have a number in their name.
         let times = &case.times;
         let time = Leg::output_times(&legs[..=leg]).count() - 1;
@@ -245,7 +248,7 @@ impl ModeRun<'_> {
         };
         let name = warped::file_name(case.fields[field].name, number);
         let path = files.directory.join(name);
-        warped::write(&path, &about, self.spread, series, interval[0], kept)?;
+        warped::write(&path, &about, spread, series, interval[0], kept)?;
         files.writing_seconds += started.elapsed().as_secs_f64();
         Ok(())
     }
@@ -291,14 +294,11 @@ fn unweighted(
     let norms: Vec<FieldNorms<'_>> =
         (fields.iter()).map(|readings| FieldNorms::new(prepared, &readings[0])).collect();
     summary.step_error = (norms.iter().zip(recovered.step_errors))
-        .map(|(norms, error)| {
-            let error = prepared.unweighted(error);
-            (norms.square(&error) / norms.square(norms.f)).sqrt()
-        })
+        .map(|(norms, error)| norms.relative(&prepared.unweighted(error)))
         .filter(|e| e.is_finite())
         .reduce(f64::max);
     summary.step_beyond = (norms.iter().zip(&recovered.step_beyond))
-        .map(|(norms, beyond)| beyond / norms.square(norms.f).sqrt())
+        .map(|(norms, beyond)| beyond / norms.norm())
         .fold(0.0, f64::max);
     SolvedFields {
         fields,
@@ -362,13 +362,11 @@ fn refuse_uneven(
 /// overflow or vanish.
 fn read_start(
     start: &WarpedStart,
-    plan: &Plan,
-    case: &Case,
-    spread: &Spread<'_>,
+    planned: PlannedModes<'_>,
     system: &DiscreteSystem,
     kept: &mut RankModes,
 ) -> Result<StartModes> {
-    let warp = plan.warp.as_ref().expect("a plan by modes");
+    let PlannedModes { case, plan, warp, spread } = planned;
     let given = WarpedFile {
         path: start.path.clone(),
         interval: warp.interval,

@@ -17,7 +17,8 @@ use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::ExpandedResults;
-use crate::run::files::{RunFiles, SolvedFields, WarpedOutput};
+use crate::run::fields::SolvedFields;
+use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::log::RunLog;
 use crate::run::options::Output;
 use crate::run::solution::Solution;
@@ -182,17 +183,15 @@ impl<'a> Driver<'a> {
         let prepared = &mut planned.prepared;
         let seconds = self.log.watch.seconds.clone();
         let provenance = provenance(self.world, &prepared.case);
-        let mut files = self.output.map(|Output { directory, .. }| RunFiles {
-            warped: WarpedOutput {
-                directory,
-                seconds: &seconds,
-                provenance: &provenance,
-                writing_seconds: 0.0,
-            },
-            checkpointing,
+        let warped = self.output.map(|Output { directory, .. }| WarpedOutput {
+            directory,
+            seconds: &seconds,
+            provenance: &provenance,
+            writing_seconds: 0.0,
         });
-        let mut solution = fields::solve(prepared, files.as_mut(), &mut self.summary)?;
-        let writing_seconds = files.map_or(0.0, |files| files.warped.writing_seconds);
+        let mut output = SolveOutput { prints: self.log.prints, warped, checkpointing };
+        let mut solution = fields::solve(prepared, &mut output, &mut self.summary)?;
+        let writing_seconds = output.warped.map_or(0.0, |warped| warped.writing_seconds);
         self.log.watch.part("write", writing_seconds);
         self.log.watch.lap("solve");
         solution.warning.iter().for_each(|warning| self.log.warn_later(warning.clone()));

@@ -169,6 +169,46 @@ impl WarpPlan {
         })
     }
 
+    /// The plan of all modes of `series` in one leg, each to `tolerance` relative to its norm.
+    /// `readings` are the recoveries, and need not be accurate.
+    pub fn of_series(
+        case: &Case,
+        bounds: &Bounds,
+        series: Series,
+        readings: Vec<Reading>,
+        tolerance: f64,
+    ) -> Self {
+        let modes = PropagatedModes { count: series.modes(), series: &series };
+        let span = PropagationSpan { time: case.duration(), tolerance };
+        let mut scratch = Vec::new();
+        let mut of_mode = |l| {
+            let mu = series.wavenumber(l);
+            propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
+        };
+        let work: Vec<usize> = (0..modes.count).map(&mut of_mode).collect();
+        Self {
+            ratio: 1.0,
+            state_tolerance: tolerance,
+            profile: None,
+            interval: [0.0, series.period],
+            modes: modes.count,
+            points: None,
+            plateau: Vec::new(),
+            estimator_efficiency: 1.0,
+            estimator_doubt: f64::INFINITY,
+            legs: vec![Leg::new(case.end, false)],
+            leg_work: vec![work.clone()],
+            mode_tolerances: vec![tolerance; modes.count],
+            applications: case.fields.len() * work.iter().sum::<usize>(),
+            solves: 0,
+            amplification: readings.first().map_or(0.0, |reading| modes.amplification(reading)),
+            warnings: Vec::new(),
+            work,
+            readings,
+            series,
+        }
+    }
+
     /// The number of modes that [`new`](Self::new) would plan; much cheaper than their work.
     ///
     /// # Errors

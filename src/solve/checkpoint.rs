@@ -87,17 +87,17 @@ impl<'a> Checkpoints<'a> {
         }
     }
 
-    /// Whether the batches of a stage are finished on all ranks. Called at the beginning of a stage
-    /// and after each batch. Writes a checkpoint of `snapshot` where it is time for one. If a
-    /// checkpoint by the clock cannot be written, rank 0 reports it and the run continues.
-    /// Collective at the end of a stage and where a checkpoint is written, otherwise over the space
-    /// group.
+    /// Writes a checkpoint of `snapshot` where it is time for one, and stops the run if it is to
+    /// stop. Called at the beginning of a stage and after each batch; returns whether the batches
+    /// of the stage are finished on all ranks. If a checkpoint by the clock cannot be written, rank
+    /// 0 reports it and the run continues. Collective at the end of a stage and where a checkpoint
+    /// is written, otherwise over the space group.
     ///
     /// # Errors
     /// On all ranks: [`Error::Stopped`] if the run is to stop and its checkpoint was written,
     /// [`Error::Checkpoint`] if it could not be written, [`Error::WallTime`] if the wall time did
     /// not suffice for one batch.
-    pub fn stage_is_over<'s>(
+    pub fn write_if_due<'s>(
         &mut self,
         standing: RankState,
         snapshot: impl Fn() -> Snapshot<'s>,
@@ -123,31 +123,39 @@ impl<'a> Checkpoints<'a> {
             let snapshot = snapshot();
             let written = self.store.write(world, self.mesh, &snapshot);
             self.watch.wrote(started.elapsed());
-            let why = match (verdict, self.wall_seconds) {
-                (CommonDecision::StopBySignal, _) => "stopped by a signal".to_owned(),
-                (CommonDecision::StopByWallTime, Some(seconds)) => {
-                    format!("stopped by --walltime {seconds}")
-                }
-                _ => {
-                    match written {
-                        Ok(_) => self.written += 1,
-                        Err(error) if world.rank() == 0 => {
-                            report(&format!("warning: {error}; the run goes on"));
-                        }
-                        Err(_) => {}
-                    }
-                    continue;
-                }
-            };
-            let RunSize { modes, stages } = self.size;
-            return Err(Error::Stopped {
-                why,
-                path: self.store.directory().to_owned(),
-                finished: written?,
-                modes,
-                stage: snapshot.state.stage + 1,
-                stages,
-            });
+            match self.why_stopped(verdict) {
+                Some(why) => return Err(self.stopped(why, written?, snapshot.state.stage)),
+                None => self.count(written),
+            }
+        }
+    }
+
+    /// The reason why the run stops by `verdict`; `None` if it goes on.
+    fn why_stopped(&self, verdict: CommonDecision) -> Option<String> {
+        match (verdict, self.wall_seconds) {
+            (CommonDecision::StopBySignal, _) => Some("stopped by a signal".to_owned()),
+            (CommonDecision::StopByWallTime, Some(seconds)) => {
+                Some(format!("stopped by --walltime {seconds}"))
+            }
+            _ => None,
+        }
+    }
+
+    /// The end of a run with `finished` modes in its checkpoint of `stage`.
+    fn stopped(&self, why: String, finished: usize, stage: usize) -> Error {
+        let RunSize { modes, stages } = self.size;
+        let path = self.store.directory().to_owned();
+        Error::Stopped { why, path, finished, modes, stage: stage + 1, stages }
+    }
+
+    /// Counts a checkpoint of a run that goes on, or reports that it could not be written.
+    fn count(&mut self, written: Result<usize>) {
+        match written {
+            Ok(_) => self.written += 1,
+            Err(error) if self.communicator.world.is_first() => {
+                report(&format!("warning: {error}; the run goes on"));
+            }
+            Err(_) => {}
         }
     }
 }

@@ -42,7 +42,7 @@ pub struct RunHooks<'r, 'k, 'c> {
 ///
 /// # Errors
 /// [`Error::Unitarity`] when a mode's norm changed by more than its method allows;
-/// [`Error::Stopped`] and others as [`Checkpoints::stage_is_over`]; errors of
+/// [`Error::Stopped`] and others as [`Checkpoints::write_if_due`]; errors of
 /// [`FullRunModes::after`].
 ///
 /// [`Error::Unitarity`]: crate::base::error::Error::Unitarity
@@ -155,7 +155,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         let kept = self.keeping.as_deref_mut().map(|keeping| &mut *keeping.kept);
         let read = stage.resume(resumed, task, self.system.matrix, kept, &mut self.recovered);
         task.communicator.world.agree(read)?;
-        if task.communicator.modes.rank() == 0 {
+        if task.communicator.modes.is_first() {
             let state = &resumed.generation.state;
             self.before = state.statistics.clone();
             finished.extend_from_slice(&state.finished);
@@ -184,7 +184,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
                 _ => RankState::Working,
             };
             let over = match self.checkpoints.as_mut() {
-                Some(checkpoints) => checkpoints.stage_is_over(standing, || {
+                Some(checkpoints) => checkpoints.write_if_due(standing, || {
                     let statistics = &self.statistics;
                     let batches = StageBatches { stage: number, finished, statistics };
                     let kept = self.keeping.as_ref().map(|keeping| &*keeping.kept);

@@ -82,7 +82,7 @@ impl Stage<'_> {
             recovered.early.push(next(Leg::output_times(&task.legs[..self.legs.start]).count()));
         }
         recovered.step_beyond.clone_from(&state.step_beyond);
-        if modes.rank() == 0 {
+        if modes.is_first() {
             self.beyond.extend_from_slice(&state.beyond);
         }
         Ok(())

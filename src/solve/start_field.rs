@@ -1,8 +1,9 @@
 //! The field of a result from which a run continues (`initial.field`), read by each rank for its
 //! block.
 
-use crate::base::checksum::{self, DatasetBox};
+use crate::base::checksum;
 use crate::base::error::{Error, Result};
+use crate::base::row_major::DatasetBox;
 use crate::parallel::communicator::{Communicator, Group};
 use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
 use crate::parallel::partition::Block;

@@ -7,7 +7,7 @@
 //! solutions have about 1/2. The grid that reaches the accuracy lies between two that were tried,
 //! or follows from the order; it is tried itself if the budget allows ([`grid_search`]).
 //! Schrödingerization adds at most a tenth of the accuracy: its tolerance follows from the norms of
-//! `f` ([`density::spread`]) and is tried on a coarse grid.
+//! `f` ([`spread`](crate::study::density::spread)) and is tried on a coarse grid.
 //!
 //! Counted work decides what is tried, so that the advice does not depend on the machine; rank 0's
 //! clock only stops a search that takes far longer than counted ([`crate::study::budget`]). If the
@@ -15,9 +15,7 @@
 //! as much work as this machine can do in the time that is left.
 
 mod candidates;
-pub mod density;
 pub mod grid_search;
-pub mod order;
 pub mod report;
 pub mod scheme;
 mod scheme_search;

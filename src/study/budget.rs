@@ -5,7 +5,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::{Group, World};
-use crate::plan::here::seconds_to_evaluate;
+use crate::plan::here::seconds_before_solving;
 use crate::problem::case::Case;
 use std::time::Instant;
 
@@ -17,10 +17,6 @@ const UPDATES_PER_SECOND: f64 = 4e7;
 const OF_TIME_LEFT: f64 = 0.6;
 /// Largest factor by which the allowed updates may grow when counting starts again.
 const MOST_MORE: f64 = 4.0;
-
-/// Seconds that a study takes for a cell of space before its first trial, beside evaluating `V`: to
-/// locate jumps, to bound the matrix and to reduce the case. 13 s for 4e6 cells were measured.
-const SECONDS_PER_SPACE_CELL: f64 = 1.5e-6;
 
 /// Budgets below this are no reason to refuse a grid here.
 const SHORTEST: f64 = 0.1;
@@ -34,8 +30,7 @@ const SHORTEST_TRIAL: f64 = 0.5;
 /// [`Error::Input`].
 pub fn refuse_slow_grid(world: &World, case: &Case, limit: f64) -> Result<()> {
     let cells = case.space.space_cells() as f64;
-    let evaluate = || seconds_to_evaluate(case) + SECONDS_PER_SPACE_CELL * cells;
-    world.group().on_first_rank(|| match evaluate() {
+    world.group().on_first_rank(|| match seconds_before_solving(case) {
         seconds if seconds > limit.max(SHORTEST) => Err(Error::Input(format!(
             "{}: --budget {limit} s: evaluating V and bounds on {cells:.3e} cells of space takes \
              about {seconds:.0} s; fewer cells (axis.N.x.cells) or a longer budget",
@@ -112,7 +107,7 @@ impl Budget {
 
     /// Rank 0's numbers on all ranks. Collective.
     pub fn from_rank_zero<const N: usize>(&self, mut numbers: [f64; N]) -> [f64; N] {
-        if self.all.rank() > 0 {
+        if !self.all.is_first() {
             numbers = [f64::NEG_INFINITY; N];
         }
         self.all.max_into(&mut numbers);

@@ -1,4 +1,5 @@
-//! The settings of a case that studies vary, and the profiles and propagators that they compare.
+//! The settings of a case that studies vary, and the profiles, fluxes and propagators that they
+//! compare.
 //!
 //! To vary another setting, add a line to [`CHOICES`]: advice then prints it as a `--set` option,
 //! and the cost model distinguishes matrices that differ by it.
@@ -58,6 +59,31 @@ pub static PROFILES: [(&str, ProfileChoice); 6] = [
 
 /// Degrees that are compared.
 pub const DEGREES: RangeInclusive<usize> = 0..=4;
+
+/// A flux between elements that is tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Flux {
+    /// Upwind: `α = 1`.
+    Upwind,
+    /// Half of the dissipation of the upwind flux: `α = ½`.
+    Half,
+    /// A quarter of the dissipation of the upwind flux: `α = ¼`.
+    Quarter,
+}
+
+impl Flux {
+    /// The fluxes that are tried.
+    pub const ALL: [Self; 3] = [Self::Upwind, Self::Half, Self::Quarter];
+
+    /// The value of `scheme.flux`.
+    pub fn alpha(self) -> f64 {
+        match self {
+            Self::Upwind => 1.0,
+            Self::Half => 0.5,
+            Self::Quarter => 0.25,
+        }
+    }
+}
 
 /// Propagators that are compared, with their names.
 pub const PROPAGATORS: [(&str, PropagatorMethod); 4] = [

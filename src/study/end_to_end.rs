@@ -28,9 +28,9 @@ mod task;
 mod text;
 mod traced;
 
-use crate::base::checksum::indices;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
+use crate::base::row_major::indices;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, EndFlux, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
@@ -39,8 +39,8 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::{scheme_of, unitary_of};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
-use crate::study::advise::density::exact_density;
 use crate::study::choices::DEGREES;
+use crate::study::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
 use crate::study::end_to_end::task::{

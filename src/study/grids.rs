@@ -4,6 +4,7 @@
 //! degree 0 elements are cells.
 
 use crate::base::error::Result;
+use crate::base::text::joined;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::problem::element::Nodes;
@@ -31,8 +32,7 @@ pub const MOST_PLANNED_SPACE_CELLS: f64 = (1u64 << 22) as f64;
 
 /// `shape` as text: `64 x 48`.
 pub fn shape_text(shape: &[usize]) -> String {
-    let cells: Vec<String> = shape.iter().map(usize::to_string).collect();
-    cells.join(" x ")
+    joined(shape, " x ")
 }
 
 /// The grid of `space` as text: `64 x 48`, `26 x 26 of degree 4`.

@@ -9,7 +9,7 @@
 //! are not scaled.
 
 use crate::base::error::{Error, Result};
-use crate::base::text::{bytes_text, counted, shortened, time_text};
+use crate::base::text::{bytes_text, counted, joined, shortened, time_text};
 use crate::plan::Plan;
 use crate::plan::advice::MachineNode;
 use crate::problem::case::Case;
@@ -302,8 +302,7 @@ impl fmt::Display for RankTable {
 
 impl fmt::Display for RankCost {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let blocks: Vec<String> = self.space_blocks.iter().map(usize::to_string).collect();
-        let (blocks, groups) = (blocks.join("x"), self.mode_groups);
+        let (blocks, groups) = (joined(&self.space_blocks, "x"), self.mode_groups);
         write!(f, "{:>7} {blocks:>8} {groups:>6} {:>9.4}", self.ranks, self.time)?;
         if let (Some(seconds), Some(hours)) = (self.seconds, self.core_hours) {
             write!(f, " {:>8} {hours:>8.1e}", time_text(seconds))?;

@@ -9,11 +9,11 @@ pub mod name;
 pub mod table;
 pub mod vary;
 
-use crate::base::checksum::indices;
 use crate::base::error::{CAN_GO_ON, Error, Result};
 use crate::base::log::report;
 use crate::base::machine::{self, RunPart};
 use crate::base::memory;
+use crate::base::row_major::indices;
 use crate::base::text::plain;
 use crate::parallel::communicator::World;
 use crate::problem::case::{self, Case, Method};
@@ -257,13 +257,13 @@ impl Sweep {
         if run::is_done(world, &run.directory, &case) {
             return Ok(None);
         }
-        if world.group().rank() == 0 {
+        if world.group().is_first() {
             report(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
         }
         // Only a run that has begun can be resumed.
         let there = |name: &&str| run.directory.join(name).exists();
-        let begun = world.group().rank() == 0 && ["checkpoint", "result.h5"].iter().any(there);
-        let resume = options.resume && world.group().max_count(usize::from(begun)) > 0;
+        let begun = world.group().is_first() && ["checkpoint", "result.h5"].iter().any(there);
+        let resume = options.resume && world.group().any(begun);
         // So that the peak is that of this run alone.
         memory::reset_peak();
         let options = Options { resume, ..options.clone() };
@@ -273,7 +273,7 @@ impl Sweep {
         let solved = run::run(world, &case, &run.directory, &options);
         machine::begin(RunPart::Modes);
         let summary = solved?;
-        if world.group().rank() == 0 {
+        if world.group().is_first() {
             summary.report_late_warnings();
         }
         Ok(Some(summary.wall_seconds))
@@ -281,7 +281,7 @@ impl Sweep {
 
     /// Reports how a run ended.
     fn report_end(&self, world: &World, run: &SweepRun, end: &dyn fmt::Display) {
-        if world.group().rank() == 0 {
+        if world.group().is_first() {
             let label = self.label(run);
             report(&format!("[{}/{}] {label}: {end}", run.number, self.runs.len()));
         }
@@ -315,7 +315,7 @@ fn reason_text(error: &Error) -> String {
 
 /// Whether the wall time was too short for a run. Collective.
 fn is_too_late(world: &World, error: &Error) -> bool {
-    world.group().max_count(usize::from(matches!(error, Error::WallTime { .. }))) > 0
+    world.group().any(matches!(error, Error::WallTime { .. }))
 }
 
 /// The reason why no further run may begin: any rank received a signal, or the wall time is over.

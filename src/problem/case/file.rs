@@ -112,47 +112,7 @@ impl<'t> CaseFile<'t> {
         if parts.iter().any(|p| p.is_empty()) {
             return fail(self, "expected key=value, the key without empty parts");
         }
-        let mut place = &mut self.root;
-        for (depth, &part) in parts.iter().enumerate() {
-            let last = depth + 1 == parts.len();
-            let path = || parts[..depth].join(".");
-            place = match place {
-                DeValue::Table(table) => {
-                    let key = Spanned::new(span.clone(), part.into());
-                    if last {
-                        // The old key is removed too, as `insert` would keep its span.
-                        table.remove(part);
-                        table.insert(key, value);
-                        return Ok(());
-                    }
-                    let empty = || Spanned::new(span.clone(), DeValue::Table(DeTable::new()));
-                    table.entry(key).or_insert_with(empty).get_mut()
-                }
-                DeValue::Array(list) => {
-                    let length = list.len();
-                    match part.parse::<usize>().ok().and_then(|i| list.get_mut(i)) {
-                        Some(item) if last => {
-                            *item = value;
-                            return Ok(());
-                        }
-                        Some(item) => item.get_mut(),
-                        None => {
-                            let list = path();
-                            let message = format!(
-                                "\"{part}\" is no index into {list}, which has {length} entries, \
-                                 counted from 0"
-                            );
-                            return fail(self, &message);
-                        }
-                    }
-                }
-                _ => {
-                    let message = format!("{} is not a table", path());
-                    return fail(self, &message);
-                }
-            };
-        }
-        Ok(())
+        put(&mut self.root, &parts, value).or_else(|message| fail(self, &message))
     }
 
     /// Deserializes the whole file.
@@ -396,6 +356,53 @@ fn text_value<'t>(text: &'t str, span: &Range<usize>) -> DeValue<'t> {
         Err(_) => Spanned::new(span.clone(), DeValue::String((*text).into())),
     };
     DeValue::Array(entries.iter().map(entry).collect())
+}
+
+/// Puts `value` into the tree `root`, at the key of these `parts`. Missing tables are made.
+///
+/// # Errors
+/// What is no index, or no table.
+fn put<'t>(
+    root: &mut DeValue<'t>,
+    parts: &[&'t str],
+    value: Spanned<DeValue<'t>>,
+) -> std::result::Result<(), String> {
+    let Some((&last, before)) = parts.split_last() else { return Ok(()) };
+    let span = value.span();
+    let mut place = root;
+    for (depth, &part) in before.iter().enumerate() {
+        place = match place {
+            DeValue::Table(table) => {
+                let empty = || Spanned::new(span.clone(), DeValue::Table(DeTable::new()));
+                let key = Spanned::new(span.clone(), part.into());
+                table.entry(key).or_insert_with(empty).get_mut()
+            }
+            other => item(other, part, &before[..depth])?.get_mut(),
+        };
+    }
+    match place {
+        DeValue::Table(table) => {
+            // The old key is removed too, as `insert` would keep its span.
+            table.remove(last);
+            table.insert(Spanned::new(span, last.into()), value);
+        }
+        other => *item(other, last, before)? = value,
+    }
+    Ok(())
+}
+
+/// The item with the number `index` of the list that `path` leads to.
+fn item<'a, 't>(
+    list: &'a mut DeValue<'t>,
+    index: &str,
+    path: &[&str],
+) -> std::result::Result<&'a mut Spanned<DeValue<'t>>, String> {
+    let path = path.join(".");
+    let DeValue::Array(list) = list else { return Err(format!("{path} is not a table")) };
+    let length = list.len();
+    index.parse::<usize>().ok().and_then(|i| list.get_mut(i)).ok_or_else(|| {
+        format!("\"{index}\" is no index into {path}, which has {length} entries, counted from 0")
+    })
 }
 
 /// The entries of a list, separated by commas outside of brackets and quotes.

@@ -1,11 +1,11 @@
 //! Refuses settings of a case that contradict each other.
 
 use crate::base::error::Result;
-use crate::problem::case::Case;
 use crate::problem::case::data::{Data, Exact};
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::solver::{Integrator, Limiter, Method};
 use crate::problem::case::warp::{Coefficients, Delta, Embedding, ProfileChoice, Shift};
+use crate::problem::case::{Case, Conflict};
 
 impl Case {
     /// Refuses settings that contradict each other, and sets those that follow from others.
@@ -19,26 +19,14 @@ impl Case {
         if self.is_galerkin() {
             self.check_galerkin(file)?;
         }
-        if self.is_closed() && self.enters() {
-            return file.refuse(
-                "scheme.ends",
-                "nothing enters through closed ends: leave inflow.value out, or choose \"open\"",
-            );
+        if self.varies() {
+            self.check_output_of_varying_inflow(file)?;
+        }
+        if let Some(Conflict { key, reason, remedy }) = self.conflict() {
+            return file.refuse(&key, reason + &remedy);
         }
         if self.positive {
             self.check_positive(file)?;
-        }
-        if self.varies() {
-            self.check_varying_inflow(file)?;
-        }
-        let summed = self.warp.inflow == Embedding::Scalar && self.enters();
-        if summed && !self.propagator.method.takes_scalar_inflow() {
-            return file.refuse(
-                "solver.propagator.method",
-                "solver.warp.inflow = \"scalar\" couples one unknown to all rows, which only \
-                 \"chebyshev\" supports; choose that, or solver.warp.inflow = \"boundary\" or \
-                 \"full\"",
-            );
         }
         if self.start.is_some() {
             self.check_warped_start(file)?;
@@ -83,46 +71,15 @@ impl Case {
 
     /// Refuses settings that elements, of any degree, or partial reflection do not support.
     fn check_galerkin(&self, file: &CaseFile<'_>) -> Result<()> {
-        let reflects = self.potential.iter().position(|region| region.reflection.is_some());
-        if let (Some(i), Some(Exact::Characteristics)) = (reflects, &self.exact) {
+        if let (Some(i), Some(Exact::Characteristics)) = (self.first_reflection(), &self.exact) {
             return file.refuse(
                 &format!("potential.{i}.reflection"),
                 "a particle that is reflected in part has no single characteristic; give exact.f, \
                  or no [exact]",
             );
         }
-        if self.limiter != Limiter::None {
-            return file.refuse(
-                "scheme.limiter",
-                "only the upwind scheme of degree 0 without partial reflection has limited slopes; \
-                 leave it out, or leave out scheme.degree, scheme.flux and potential.reflection",
-            );
-        }
-        if let Data::Measure { .. } = self.data {
-            self.check_level_sets(file, reflects)?;
-        }
-        Ok(())
-    }
-
-    /// Refuses measure-valued data with a velocity axis of degree 0 beside elements, or with
-    /// partial reflection by the region `reflects`.
-    fn check_level_sets(&self, file: &CaseFile<'_>, reflects: Option<usize>) -> Result<()> {
-        if let Some(i) = reflects {
-            return file.refuse(
-                &format!("potential.{i}.reflection"),
-                "initial.velocity gives level sets, which cannot represent the two velocities \
-                 behind a partial reflection; give initial.f",
-            );
-        }
-        if let Some(a) = self.space.v.iter().position(|v| v.nodes.degree == 0) {
-            return file.refuse(
-                &format!("axis.{a}.v.degree"),
-                "initial.velocity with elements takes the zeros of polynomials in the velocity; a \
-                 degree of 1 or more expected",
-            );
-        }
         let key = "output.delta_width";
-        if file.has(key) {
+        if matches!(self.data, Data::Measure { .. }) && file.has(key) {
             return file.refuse(
                 key,
                 "is the width of the discrete delta function of degree 0; elements have none, \
@@ -148,36 +105,24 @@ impl Case {
         file.refuse("output.positive", conflict)
     }
 
-    /// Refuses settings that do not support an inflow that depends on time.
-    fn check_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
-        let inflow = self.inflow_key();
+    /// Refuses results before the end, which an inflow that depends on time does not support.
+    fn check_output_of_varying_inflow(&self, file: &CaseFile<'_>) -> Result<()> {
         let timed = [
             "output.moments_every", "output.moment_times", "output.field_times",
             "output.fields_every",
         ];
-        if let Some(key) = timed.into_iter().find(|key| file.has(key)) {
-            return file.refuse(
-                key,
-                format!("with t in {inflow} results are written at time.end only; leave it out"),
-            );
+        match timed.into_iter().find(|key| file.has(key)) {
+            Some(key) => {
+                let inflow = self.inflow_key();
+                file.refuse(
+                    key,
+                    format!(
+                        "with t in {inflow} results are written at time.end only; leave it out"
+                    ),
+                )
+            }
+            None => Ok(()),
         }
-        if self.limiter != Limiter::None {
-            return file.refuse(
-                "scheme.limiter",
-                format!("takes the inflow at time 0; with t in {inflow} only \"none\""),
-            );
-        }
-        let modes = self.method == Method::Schrodingerized;
-        if modes && !self.propagator.method.takes_varying_inflow() {
-            return file.refuse(
-                "solver.propagator.method",
-                format!(
-                    "with t in {inflow} the generator depends on time, which only \"chebyshev\" \
-                     supports"
-                ),
-            );
-        }
-        Ok(())
     }
 
     /// Refuses settings that contradict `initial.warped`.

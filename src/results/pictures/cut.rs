@@ -1,7 +1,7 @@
 //! The positions at which a drawn plane cuts the other axes.
 
-use crate::base::checksum::{DatasetBox, indices};
 use crate::base::error::{Error, Result};
+use crate::base::row_major::{DatasetBox, indices};
 use crate::base::text::short;
 use crate::results::FileResult;
 use crate::results::pictures::jumps::jumps;

@@ -1,6 +1,6 @@
 //! Quantities over time, and the seconds of the steps of a run.
 
-use crate::base::checksum::DatasetBox;
+use crate::base::row_major::DatasetBox;
 use crate::base::text::short;
 use crate::results::FileResult;
 use crate::results::draw::extent;

@@ -1,8 +1,8 @@
 //! A finished run, read from its files: datasets of `result.h5`, planes of these, attributes.
 
-use crate::base::checksum::DatasetBox;
 use crate::base::disk;
-use crate::base::text::short;
+use crate::base::row_major::DatasetBox;
+use crate::base::text::{on_one_line, short};
 use crate::parallel::files::read_slab;
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
@@ -157,8 +157,7 @@ impl StoredRun {
     /// Title of the case in one line, or else the name of its file.
     pub fn title(&self) -> String {
         let of = |key: &str| self.provenance.get(key).filter(|t| !t.is_empty());
-        let title = of("title").or_else(|| of("case_file")).map_or("", String::as_str);
-        title.split_whitespace().collect::<Vec<_>>().join(" ")
+        of("title").or_else(|| of("case_file")).map_or(String::new(), |title| on_one_line(title))
     }
 
     /// Whether the file has this dataset.

@@ -1,7 +1,8 @@
 //! The file with the warped field from which a run starts (`initial.warped`).
 
-use crate::base::checksum::{self, DatasetBox};
+use crate::base::checksum;
 use crate::base::error::{Error, Result};
+use crate::base::row_major::DatasetBox;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};

@@ -1,8 +1,8 @@
 //! Modes of a field that are spread over the ranks, and the rounds in which each rank gets all
 //! modes of some cells.
 
-use crate::base::checksum::DatasetBox;
 use crate::base::error::Result;
+use crate::base::row_major::DatasetBox;
 use crate::parallel::communicator::Communicator;
 use crate::parallel::communicator::transpose::Transpose;
 use crate::parallel::partition::Block;

@@ -9,6 +9,7 @@
 //! finite: the error is that of the first box.
 
 use crate::base::error::Result;
+use crate::base::row_major::number;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::sheet::sums::{Deposit, ExactMoments, Line, SheetSums};
@@ -63,7 +64,7 @@ impl CellOwners {
         for (rank, ends) in all.iter().enumerate() {
             let share: Vec<_> = ends.chunks(2).map(|e| e[0] as usize..e[1] as usize).collect();
             for_each_cell(&share, |i| {
-                let cell = space.x.iter().zip(i).fold(0, |k, (axis, i)| k * axis.cells + i);
+                let cell = number(space.x.iter().map(|axis| axis.cells), i.iter().copied());
                 of[cell] = rank as u32;
             });
         }

@@ -24,6 +24,7 @@
 //! integrals by panels at some positions.
 
 use crate::base::quadrature::gauss_legendre;
+use crate::base::row_major::number;
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
@@ -569,10 +570,8 @@ impl<'a> VelocityIntegrals<'a> {
                 lower[a] = axis.lower + width[a] * j[a] as f64;
             }
             let value = |k: usize| {
-                let index = counts.iter().enumerate().fold(0, |index, (a, count)| {
-                    index * count + (POINTS - 1) * j[a] + k / self.stride(a) % POINTS
-                });
-                values[index]
+                let along = |a: usize| (POINTS - 1) * j[a] + k / self.stride(a) % POINTS;
+                values[number(counts.iter().copied(), (0..axes.len()).map(along))]
             };
             panels.push(self.panel(lower, width, (0..self.weights.len()).map(value).collect()));
         });

@@ -176,7 +176,7 @@ impl Store {
         let number = number.parse().unwrap_or(self.next);
         self.next = number + 1;
         let directory = self.generation(number);
-        let is_first = world.rank() == 0;
+        let is_first = world.is_first();
         let written = self.write_files(world, mesh, number, &directory, snapshot);
         if written.is_err() {
             if is_first {

@@ -119,7 +119,7 @@ impl Watch {
             vote: Vote::new(&communicator.world),
             together: times.wall.is_some(),
             times,
-            leads: communicator.world.rank() == 0,
+            leads: communicator.world.is_first(),
             written: now,
             batch_since_checkpoint: true,
             writing: None,
@@ -192,7 +192,7 @@ impl Watch {
         let space = &communicator.space;
         match space.size() {
             1 => over,
-            _ => space.max_count(usize::from(!over)) == 0,
+            _ => !space.any(!over),
         }
     }
 

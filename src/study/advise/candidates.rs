@@ -7,7 +7,6 @@ use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
-use crate::study::advise::density::distance;
 use crate::study::advise::grid_search::{
     DISCRETISATION, DensityError, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid, error_on,
 };
@@ -17,6 +16,7 @@ use crate::study::advise::settings::{command, settings};
 use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport};
 use crate::study::advise::trials::{cells, mode_updates};
 use crate::study::advise::{ROUND_OFF, SetupCandidate, Study};
+use crate::study::density::distance;
 use crate::study::grids::{MOST_PLANNED_SPACE_CELLS, shape_text};
 use crate::study::trial::final_fields_only;
 

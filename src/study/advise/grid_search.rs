@@ -1,10 +1,10 @@
 //! The search for the coarsest grid on which a scheme meets an accuracy, from a few coarse grids.
 
 use crate::base::error::Result;
-use crate::study::advise::order::{Order, OrderRange};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::trials::{Trials, cells};
 use crate::study::grids::Grids;
+use crate::study::order::{Order, OrderRange};
 use serde::Serialize;
 
 /// Part of the accuracy for the error of the discretisation; the rest is for Schrödingerization.

@@ -3,10 +3,10 @@
 use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, quoted, seconds_text};
 use crate::problem::case::{Case, Method};
 use crate::study::advise::grid_search::Evidence;
-use crate::study::advise::order::Order;
 use crate::study::advise::setups::{AdviceReport, ErrorParts, SetupReport};
 use crate::study::advise::trials::cells;
 use crate::study::grids::shape_text;
+use crate::study::order::Order;
 use std::fmt;
 
 /// Largest number of unknowns of a grid whose shape is printed.

@@ -2,9 +2,9 @@
 
 use crate::base::text::word;
 use crate::problem::case::{Case, Integrator, Interface, Limiter, Method};
-use crate::study::advise::order::OrderRange;
-use crate::study::choices::DEGREES;
+use crate::study::choices::{DEGREES, Flux};
 use crate::study::grids::on_grid;
+use crate::study::order::OrderRange;
 use crate::study::treatment::Treatment;
 
 /// A semi-discrete scheme.
@@ -18,31 +18,6 @@ pub struct SchemeChoice {
     pub degree: usize,
     /// Flux between elements, if it is not that of the case with elements of this degree.
     pub flux: Option<Flux>,
-}
-
-/// A flux between elements that is tried.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Flux {
-    /// Upwind: `α = 1`.
-    Upwind,
-    /// Half of the dissipation of the upwind flux: `α = ½`.
-    Half,
-    /// A quarter of the dissipation of the upwind flux: `α = ¼`.
-    Quarter,
-}
-
-impl Flux {
-    /// The fluxes that are tried.
-    pub const ALL: [Self; 3] = [Self::Upwind, Self::Half, Self::Quarter];
-
-    /// The value of `scheme.flux`.
-    pub fn alpha(self) -> f64 {
-        match self {
-            Self::Upwind => 1.0,
-            Self::Half => 0.5,
-            Self::Quarter => 0.25,
-        }
-    }
 }
 
 impl SchemeChoice {

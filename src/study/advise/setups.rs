@@ -3,9 +3,9 @@
 
 use crate::problem::case::{Interface, Limiter, Method};
 use crate::study::advise::grid_search::{Evidence, MeasuredGrid};
-use crate::study::advise::order::Order;
 use crate::study::advise::trials::UPDATES_PER_MODE;
 use crate::study::cost::application_weight;
+use crate::study::order::Order;
 use serde::Serialize;
 
 /// Parts of the relative L1 error of the density.

@@ -218,7 +218,7 @@ impl<'a> Attempts<'a> {
     fn outcome(&mut self, case: &mut Case, setting: &Setting) -> Result<TrialOutcome> {
         let setup = &setting.setup;
         if let Some(why) = refused(case) {
-            return Ok(TrialOutcome::Refused(why.to_owned()));
+            return Ok(TrialOutcome::Refused(why));
         }
         if self.is_over() {
             return Ok(TrialOutcome::longer_than(self.least_seconds(case)));

@@ -1,7 +1,10 @@
 //! An entry of the chart: a setting and its result.
 
 use crate::base::text::word;
-use crate::problem::case::{Case, Coefficients, DEFAULT_FLUX, Integrator, Limiter, Method};
+use crate::problem::case::{
+    Case, Coefficients, DEFAULT_FLUX, Embedding, Integrator, Interface, Limiter, Method,
+    PropagatorMethod,
+};
 use crate::quantum::probability::Probabilities;
 use crate::study::chart::setup::is_reference;
 use crate::study::cost::TrialSeconds;
@@ -57,26 +60,26 @@ pub struct ChartEntry {
     /// Number of unknowns.
     pub cells: usize,
     /// Interface law.
-    pub interface: String,
+    pub interface: Interface,
     /// The time integrator of a classical run.
-    pub integrator: Option<String>,
+    pub integrator: Option<Integrator>,
     /// The slope limiter of a classical run.
-    pub limiter: Option<String>,
+    pub limiter: Option<Limiter>,
     /// The step of a classical run, relative to the largest stable one.
     pub cfl: Option<f64>,
     /// Profile `g(p)` of a run by modes, or the unitary scheme, which has none.
     pub profile: Option<String>,
     /// Whether its Fourier coefficients are analytic or sampled.
-    pub coefficients: Option<String>,
+    pub coefficients: Option<Coefficients>,
     /// Whether the unknowns are weighted.
     pub weights: Option<bool>,
     /// Whether interface law and weights make no difference: `V` does not jump, or the case has
     /// elements.
     pub no_jump: bool,
     /// Embedding of the inflow, if there is inflow.
-    pub embedding: Option<String>,
+    pub embedding: Option<Embedding>,
     /// Method that applies `exp(−iHT)`.
-    pub propagator: Option<String>,
+    pub propagator: Option<PropagatorMethod>,
     /// Time step of the setting.
     pub step: Option<f64>,
     /// Tolerance; `None` if `N_p` or a step is given instead, or a tolerance has no effect.
@@ -141,18 +144,18 @@ impl ChartEntry {
             degree: case.space.degree(),
             flux: case.flux_of_elements(),
             cells: case.space.cells(),
-            interface: word(&case.interface),
-            integrator: (!modes).then(|| word(&case.integrator)),
-            limiter: (!modes).then(|| word(&case.limiter)),
+            interface: case.interface,
+            integrator: (!modes).then_some(case.integrator),
+            limiter: (!modes).then_some(case.limiter),
             cfl: steps.then_some(case.cfl),
             profile: modes.then(|| match case.is_unitary() {
                 true => UNITARY.to_owned(),
                 false => word(&warp.profile),
             }),
-            coefficients: modes.then(|| word(&warp.coefficients)),
+            coefficients: modes.then_some(warp.coefficients),
             weights: modes.then_some(warp.weights),
-            embedding: (modes && case.enters()).then(|| word(&warp.inflow)),
-            propagator: modes.then(|| word(&case.propagator.method)),
+            embedding: (modes && case.enters()).then_some(warp.inflow),
+            propagator: modes.then_some(case.propagator.method),
             step: case.propagator.step.filter(|_| modes),
             tolerance: (modes && warp.points.is_none() && !stepped).then_some(case.tolerance),
             points: warp.points.filter(|_| modes),
@@ -201,7 +204,7 @@ impl ChartEntry {
 
     /// Whether the entry is the exact semi-discrete solution itself.
     pub fn is_reference(&self) -> bool {
-        self.integrator.as_deref() == Some(&word(&Integrator::Exponential))
+        self.integrator == Some(Integrator::Exponential)
     }
 
     /// Name by which entries left out are counted: the integrator, the paper's set-up or the
@@ -210,15 +213,18 @@ impl ChartEntry {
         let own = match (&self.integrator, &self.profile) {
             _ if self.as_given => "the case as given".to_owned(),
             _ if self.paper => "the paper's set-up".to_owned(),
-            (Some(integrator), _) => integrator.clone(),
+            (Some(integrator), _) => word(integrator),
             (None, profile) => profile.clone().unwrap_or_default(),
         };
-        match &self.limiter {
-            Some(limiter) if *limiter != word(&Limiter::None) && !self.as_given => {
-                format!("{limiter}, {own}")
-            }
+        match self.slopes() {
+            Some(limiter) if !self.as_given => format!("{}, {own}", word(&limiter)),
             _ => own,
         }
+    }
+
+    /// The limiter of a run with slopes.
+    pub fn slopes(&self) -> Option<Limiter> {
+        self.limiter.filter(|limiter| *limiter != Limiter::None)
     }
 
     /// The settings of the entry in words, without the grid.
@@ -230,16 +236,14 @@ impl ChartEntry {
         if self.paper {
             parts.push("the paper's set-up:".to_owned());
         }
-        let without = word(&Limiter::None);
-        let limiter = self.limiter.clone().filter(|l| *l != without);
-        parts.extend(limiter.map(|l| format!("{l},")));
-        parts.extend(self.integrator.clone());
+        parts.extend(self.slopes().map(|limiter| format!("{},", word(&limiter))));
+        parts.extend(self.integrator.as_ref().map(word));
         parts.extend(self.cfl.map(|cfl| format!("at CFL {cfl}")));
         parts.extend(self.profile.clone());
-        if self.coefficients == Some(word(&Coefficients::Sampled)) {
+        if self.coefficients == Some(Coefficients::Sampled) {
             parts.push("sampled".to_owned());
         }
-        parts.extend(self.propagator.clone());
+        parts.extend(self.propagator.as_ref().map(word));
         parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
         parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
         parts.extend(self.points.map(|n| format!("with N_p = {n}")));
@@ -250,7 +254,7 @@ impl ChartEntry {
         match self.weights {
             Some(_) if self.no_jump => {}
             Some(true) => parts.push("(weights)".to_owned()),
-            Some(false) => parts.push(format!("({}, no weights)", self.interface)),
+            Some(false) => parts.push(format!("({}, no weights)", word(&self.interface))),
             None => {}
         }
         parts.join(" ")

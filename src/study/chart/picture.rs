@@ -5,7 +5,7 @@
 //! is a front, or theory.
 
 use crate::base::text::word;
-use crate::problem::case::{DEFAULT_CFL, Method};
+use crate::problem::case::{DEFAULT_CFL, Integrator, Limiter, Method, PropagatorMethod};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Figure, Panel, PlotAxis};
@@ -97,18 +97,19 @@ impl<'a> Plot<'a> {
     }
 }
 
-fn is(setting: &Option<String>, value: &str) -> bool {
-    setting.as_deref() == Some(value)
-}
-
 /// Whether the entry is a run by modes, planned from a tolerance.
 fn is_planned(e: &ChartEntry) -> bool {
     e.method == Method::Schrodingerized && !e.paper && !e.as_given
 }
 
+/// Whether the entry is planned with this profile.
+fn has_profile(e: &ChartEntry, profile: &str) -> bool {
+    is_planned(e) && e.profile.as_deref() == Some(profile)
+}
+
 /// Whether the entry is planned with this profile and propagated by Chebyshev series.
 fn of_profile(e: &ChartEntry, profile: &str) -> bool {
-    is_planned(e) && is(&e.profile, profile) && is(&e.propagator, "chebyshev")
+    has_profile(e, profile) && e.propagator == Some(PropagatorMethod::Chebyshev)
 }
 
 /// Whether the entry has the treatment of most trials: weights, unless there is nothing to weight.
@@ -118,8 +119,7 @@ fn has_usual_treatment(e: &ChartEntry) -> bool {
 
 /// Whether the entry is a run by modes with this treatment of jumps.
 fn has_treatment(e: &ChartEntry, treatment: Treatment) -> bool {
-    let interface = word(&treatment.interface);
-    e.weights == Some(treatment.weights) && e.interface == interface && !e.no_jump
+    e.weights == Some(treatment.weights) && e.interface == treatment.interface && !e.no_jump
 }
 
 /// Profiles of the trials, in the order in which they were tried.
@@ -185,22 +185,20 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let axes = ["seconds", SEMIDISCRETE].map(PlotAxis::log);
     let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
     let first = profiles(entries).into_iter().next().unwrap_or_default();
-    let propagators = PROPAGATORS.map(|(_, method)| word(&method));
-    let count = propagators.len();
-    for (k, name) in propagators.iter().enumerate() {
-        plot = plot.series(&format!("{first}, {name}"), Style::of(k), |e| {
-            is_planned(e)
-                && has_usual_treatment(e)
-                && is(&e.profile, &first)
-                && is(&e.propagator, name)
+    let count = PROPAGATORS.len();
+    for (k, (_, method)) in PROPAGATORS.into_iter().enumerate() {
+        plot = plot.series(&format!("{first}, {}", word(&method)), Style::of(k), |e| {
+            has_profile(e, &first) && has_usual_treatment(e) && e.propagator == Some(method)
         });
     }
-    for (k, name) in ["forward-euler", "ssp-rk3"].into_iter().enumerate() {
-        plot = plot.series(name, Style::of(count + k).hollow(), |e| is(&e.integrator, name));
+    for (k, integrator) in [Integrator::ForwardEuler, Integrator::SspRk3].into_iter().enumerate() {
+        let style = Style::of(count + k).hollow();
+        plot = plot.series(&word(&integrator), style, |e| e.integrator == Some(integrator));
     }
-    for (dash, name) in [(1, "crank-nicolson"), (2, "chebyshev")] {
-        let (label, style) = (format!("the paper's, {name}"), Style::of(count + 2).dashed(dash));
-        plot = plot.series(&label, style, |e| e.paper && is(&e.propagator, name));
+    for (dash, method) in [(1, PropagatorMethod::CrankNicolson), (2, PropagatorMethod::Chebyshev)] {
+        let label = format!("the paper's, {}", word(&method));
+        let style = Style::of(count + 2).dashed(dash);
+        plot = plot.series(&label, style, |e| e.paper && e.propagator == Some(method));
     }
     plot.panel
 }
@@ -260,16 +258,16 @@ fn by_grid(entries: &[ChartEntry], of: &str) -> Vec<Panel> {
 /// Adds a series for each method, with the settings that were tried on all grids.
 fn methods(mut plot: Plot<'_>) -> Plot<'_> {
     let classical = [
-        ("forward-euler", "none"),
-        ("ssp-rk3", "none"),
-        ("ssp-rk3", "minmod"),
-        ("ssp-rk3", "van-leer"),
+        (Integrator::ForwardEuler, Limiter::None),
+        (Integrator::SspRk3, Limiter::None),
+        (Integrator::SspRk3, Limiter::Minmod),
+        (Integrator::SspRk3, Limiter::VanLeer),
     ];
     for (k, (integrator, limiter)) in classical.into_iter().enumerate() {
-        let label = if limiter == "none" { integrator } else { limiter };
-        plot = plot.series(label, Style::of(k), |e| {
+        let label = if limiter == Limiter::None { word(&integrator) } else { word(&limiter) };
+        plot = plot.series(&label, Style::of(k), |e| {
             let usual = e.cfl.is_none_or(|cfl| cfl == DEFAULT_CFL) && !e.as_given;
-            let method = is(&e.integrator, integrator) && is(&e.limiter, limiter);
+            let method = e.integrator == Some(integrator) && e.limiter == Some(limiter);
             usual && method && e.degree == 0
         });
     }
@@ -283,7 +281,7 @@ fn methods(mut plot: Plot<'_>) -> Plot<'_> {
             usual(e) && of_profile(e, &first) && e.tolerance == Some(TOLERANCES[1])
         });
         plot = plot.series(&format!("exponential, degree {degree}"), style.dashed(2), |e| {
-            usual(e) && is(&e.integrator, "exponential") && !e.as_given
+            usual(e) && e.integrator == Some(Integrator::Exponential) && !e.as_given
         });
     }
     let by_modes = |e: &ChartEntry| {

@@ -5,9 +5,8 @@
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
-use crate::study::advise::scheme::Flux;
 use crate::study::chart::setup::{Modes, Setup};
-use crate::study::choices::{PROFILES, exact_propagators, implicit_propagators};
+use crate::study::choices::{Flux, PROFILES, exact_propagators, implicit_propagators};
 use crate::study::grids::Grids;
 use crate::study::treatment::Treatment;
 

@@ -2,7 +2,7 @@
 
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{
-    Alpha, Case, Coefficients, DEFAULT_CFL, Data, Delta, Embedding, Integrator, Interface,
+    Alpha, Case, Coefficients, DEFAULT_CFL, Delta, Embedding, Integrator, Interface,
     LARGEST_TOLERANCE, Limiter, Method, ProfileChoice, PropagatorMethod, RecoveryMethod, Shift,
 };
 use crate::problem::grid::PhaseSpace;
@@ -153,36 +153,10 @@ pub fn is_reference(case: &Case) -> bool {
     case.method == Method::Classical && case.integrator == Integrator::Exponential
 }
 
-/// The reason why a case file with the choices of `case` would be refused.
-pub fn refused(case: &Case) -> Option<&'static str> {
-    if case.is_closed() && case.embeds() {
-        return Some("nothing enters through closed ends");
-    }
-    if case.is_unitary() && case.space.degree() == 0 && matches!(case.data, Data::Measure { .. }) {
-        return Some("level sets of degree 0 are those of the upwind scheme");
-    }
-    if case.is_unitary() && case.reflects() {
-        return Some("partial reflection is no isometry");
-    }
-    let modes = case.method == Method::Schrodingerized;
-    let propagator = case.propagator.method;
-    if case.is_galerkin() && case.limiter != Limiter::None {
-        return Some(
-            "slopes are those of the upwind scheme of degree 0 without partial reflection",
-        );
-    }
-    if case.varies() && case.limiter != Limiter::None {
-        return Some("slopes take the inflow at time 0, and it depends on t");
-    }
-    if case.varies() && modes && !propagator.takes_varying_inflow() {
-        return Some("the inflow depends on t; only chebyshev is stepped");
-    }
-    let is_scalar = case.enters() && case.warp.inflow == Embedding::Scalar;
-    if modes && is_scalar && !propagator.takes_scalar_inflow() {
-        return Some(
-            "solver.warp.inflow = \"scalar\" couples one unknown to all rows, \
-             which only chebyshev applies",
-        );
-    }
-    None
+/// The reason why a case file with the choices of `case` would be refused, or why the unitary scheme
+/// is none for it.
+pub fn refused(case: &Case) -> Option<String> {
+    let no_isometry = case.is_unitary() && case.reflects();
+    let conflict = case.conflict().map(|conflict| conflict.reason);
+    conflict.or_else(|| no_isometry.then(|| "partial reflection is no isometry".to_owned()))
 }

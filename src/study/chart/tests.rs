@@ -4,12 +4,18 @@ use super::*;
 use crate::problem::case::{Integrator, Limiter, ProfileChoice, PropagatorMethod};
 use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::files::{COLUMNS, csv};
-use crate::study::chart::setup::Modes;
+use crate::study::chart::setup::{Modes, refused};
 use crate::study::chart::verdict::winners;
 use crate::study::treatment::Treatment;
 use serde_json::Value;
 
 fn case() -> Case {
+    case_with(&[])
+}
+
+/// The case with these `--set` options.
+fn case_with(settings: &[&str]) -> Case {
+    let settings: Vec<String> = settings.iter().map(|&set| set.to_owned()).collect();
     let text = r#"
         title = "Step, \"a, b\""
         [[axis]]
@@ -25,7 +31,7 @@ fn case() -> Case {
         [time]
         end = 0.3
     "#;
-    Case::parse("made-up.toml", text, &[]).unwrap()
+    Case::parse("made-up.toml", text, &settings).unwrap()
 }
 
 /// A trial by the designed profile, or classical, that reached `error` in `seconds` with
@@ -244,4 +250,35 @@ fn settings_make_the_cases_they_name() {
     assert!(!slopes.apply(&case, &case.space, None).verify);
     let exponential = Setup::classical(Integrator::Exponential, Limiter::None);
     assert!(!exponential.apply(&case, &case.space, None).verify);
+}
+
+/// A chart refuses what a case file with these settings is refused for.
+#[test]
+fn settings_are_refused_as_in_a_case_file() {
+    let why = |setting: &str, setup: Setup| {
+        let case = case_with(&[setting]);
+        refused(&setup.apply(&case, &case.space, None))
+    };
+    let unitary = Setup::Unitary { tolerance: 1e-3 };
+    let closed = "nothing enters through closed ends";
+    assert_eq!(why("inflow.value=1", unitary).as_deref(), Some(closed));
+    assert_eq!(why("inflow.value=0", unitary), None);
+    let reflection = why("potential.0.reflection=0.5", unitary);
+    assert_eq!(reflection.as_deref(), Some("partial reflection is no isometry"));
+    let slopes = Setup::classical(Integrator::SspRk3, Limiter::Minmod);
+    let of_inflow = why("inflow.value=1 + t", slopes).expect("slopes with a varying inflow");
+    assert!(of_inflow.contains("inflow at time 0"), "{of_inflow}");
+    let of_elements = why("scheme.degree=1", slopes).expect("slopes with elements");
+    assert!(of_elements.contains("the upwind scheme of degree 0"), "{of_elements}");
+    for (setting, word) in [("inflow.value=1 + t", "t in inflow.value"), ("inflow.value=1", "")] {
+        let krylov = Setup::from(Modes {
+            profile: &ProfileChoice::Designed,
+            treatment: None,
+            propagator: PropagatorMethod::Krylov,
+            steps: None,
+            tolerance: 1e-3,
+        });
+        let reason = why(setting, krylov).unwrap_or_default();
+        assert!(reason.contains(word) && reason.is_empty() == word.is_empty(), "{reason}");
+    }
 }

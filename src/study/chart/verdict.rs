@@ -217,7 +217,7 @@ fn without_window(entries: &[&ChartEntry]) -> Option<String> {
 fn left_out_on_any_grid(chart: &Chart, closest: &ChartEntry) -> String {
     let out = (chart.entries.iter())
         .filter(|e| e.status == Status::LeftOut && e.method == closest.method);
-    let slopes = |e: &ChartEntry| e.limiter.as_ref().is_some_and(|l| l != "none");
+    let slopes = |e: &ChartEntry| e.slopes().is_some();
     let finer = out.clone().any(|e| e.cells > closest.cells);
     let limited = !slopes(closest) && out.clone().any(|e| e.cells >= closest.cells && slopes(e));
     let what = match (finer, limited) {

@@ -3,9 +3,9 @@
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Exact};
-use crate::study::advise::density::{density_of, distance, exact_density, spread};
-use crate::study::advise::order::{Order, OrderRange};
+use crate::study::density::{density_of, distance, exact_density, spread};
 use crate::study::grids::{Grids, MOST_PLANNED_SPACE_CELLS, on_grid, shape_text};
+use crate::study::order::{Order, OrderRange};
 use crate::study::trial::{final_fields_only, trial};
 
 /// Grids on which errors are measured.

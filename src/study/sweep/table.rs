@@ -1,7 +1,7 @@
 //! The table of a sweep: printed, as `table.csv` and as `table.tex`.
 
 use crate::base::disk;
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::table::{Column, ColumnValues, csv, in_pieces, tabular};
 use crate::base::text::{counted, csv_records, plain, short, shortened};
 use serde_json::Value;
@@ -158,7 +158,7 @@ impl SweepTable {
 /// directories `runs`, and files of that name that no sweep wrote. By one rank.
 ///
 /// # Errors
-/// [`Error::Directory`].
+/// [`crate::base::error::Error::Directory`].
 pub fn refuse_to_replace<'a>(directory: &Path, runs: impl Iterator<Item = &'a Path>) -> Result<()> {
     let runs: Vec<&OsStr> = runs.filter_map(Path::file_name).collect();
     let what = match (rows(&directory.join("table.csv")), head(&directory.join("table.tex"))) {
@@ -169,8 +169,7 @@ pub fn refuse_to_replace<'a>(directory: &Path, runs: impl Iterator<Item = &'a Pa
         (_, Some(head)) if head != TEX_HEAD => "a table.tex that no sweep wrote".to_owned(),
         _ => return Ok(()),
     };
-    let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
-    Err(Error::Directory { path: directory.to_owned(), reason })
+    Err(disk::not_replaced(directory, &what))
 }
 
 /// The names of the directories in a table file, if it exists; an error if it is no such table.

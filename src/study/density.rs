@@ -2,6 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
+use crate::base::row_major::number;
 use crate::matrix::elements::{AxisMatrix, apply_in_elements};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
@@ -20,7 +21,7 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
     let mut density = vec![0.0; space.space_cells()];
     let mut mine = trial.moments.density.iter();
     for_each_cell(&trial.share, |i| {
-        let index = (space.x.iter().zip(i)).fold(0, |k, (axis, i)| k * axis.cells + i);
+        let index = number(space.x.iter().map(|axis| axis.cells), i.iter().copied());
         if let Some(value) = mine.next() {
             density[index] = *value;
         }
