@@ -33,6 +33,13 @@ impl Case {
 
     /// The conflict of the scheme's ends or its limiter with the inflow or the elements.
     fn conflict_of_scheme(&self) -> Option<Conflict> {
+        if self.is_closed() && matches!(self.data, Data::Measure { .. }) {
+            return Some(Conflict::new(
+                "scheme.ends",
+                "level sets of measure-valued data have values at the ends, through which they enter",
+                ": choose \"open\"",
+            ));
+        }
         if self.is_closed() && self.enters() {
             return Some(Conflict::new(
                 "scheme.ends",
