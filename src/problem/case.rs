@@ -15,7 +15,7 @@
 
 pub(crate) mod alpha;
 pub(crate) mod axes;
-mod conflict;
+pub(crate) mod conflict;
 pub(crate) mod constants;
 pub(crate) mod data;
 pub(crate) mod file;
@@ -29,7 +29,6 @@ mod validate;
 pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
-pub use crate::problem::case::conflict::Conflict;
 pub use crate::problem::case::data::{
     Data, Exact, ExactTimes, Inflow, LiouvilleField, MOST_FIELDS, Region, ResultOrigin, StartField,
     TIME, TableFile, TableOf, WarpedStart,

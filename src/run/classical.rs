@@ -11,7 +11,7 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::fields::SolvedFields;
+use crate::run::fields::solved::SolvedFields;
 use crate::run::history::history;
 use crate::solve::prepared::Prepared;
 

@@ -11,7 +11,7 @@ use crate::results::summary::{ErrorNorms, GridErrors, Summary};
 use crate::run::compare::{FieldNorms, moment_errors};
 use crate::run::errors;
 use crate::run::exact::ExactRun;
-use crate::run::fields::SolvedFields;
+use crate::run::fields::solved::SolvedFields;
 use crate::run::positive;
 use crate::solve::prepared::Prepared;
 use std::ops::Range;

@@ -20,7 +20,7 @@ use crate::results::warped;
 use crate::results::warped::initial_file::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
 use crate::results::warped::spread::Spread;
 use crate::run::compare::FieldNorms;
-use crate::run::fields::SolvedFields;
+use crate::run::fields::solved::SolvedFields;
 use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::history::history;
 use crate::schrodingerization::warp_plan::WarpPlan;
@@ -67,7 +67,7 @@ pub(crate) fn by_modes(
         pi: &system.weights.pi[..rank_cells.block.cells()],
         buffers: BUFFERS,
     };
-    let planned = PlannedModes { case, plan, warp, spread: &spread };
+    let planned = DistributedModes { case, plan, warp, spread: &spread };
     let mut start = ModeStart::new(planned, system)?;
     if let (Some(begun), Some(checkpointing)) = (&start.begun, &mut checkpointing) {
         let generation = resumed.as_ref().map(|r| &r.generation);
@@ -105,7 +105,7 @@ pub(crate) fn by_modes(
 
 /// A case that is solved by modes, its plan, and the distribution of its modes and cells.
 #[derive(Clone, Copy)]
-struct PlannedModes<'a> {
+struct DistributedModes<'a> {
     case: &'a Case,
     plan: &'a Plan,
     /// The modes of the plan.
@@ -137,8 +137,8 @@ impl ModeStart {
     ///
     /// # Errors
     /// As [`read_start`].
-    fn new(planned: PlannedModes<'_>, system: &DiscreteSystem) -> Result<Self> {
-        let PlannedModes { case, warp, spread, .. } = planned;
+    fn new(planned: DistributedModes<'_>, system: &DiscreteSystem) -> Result<Self> {
+        let DistributedModes { case, warp, spread, .. } = planned;
         let communicator = spread.communicator;
         let own = &spread.modes[communicator.modes.rank()];
         let mut kept = (warp.points).map(|_| RankModes::new(system.matrix.rows(), own.clone()));
@@ -162,7 +162,7 @@ impl ModeStart {
 
 /// The propagation of all modes of a run, from their start to the recovered fields.
 struct ModeRun<'a> {
-    planned: PlannedModes<'a>,
+    planned: DistributedModes<'a>,
     rank_cells: &'a RankCells,
     schedule: Option<&'a Schedule>,
     initial: &'a [InitialState<'a>],
@@ -182,7 +182,7 @@ impl ModeRun<'_> {
         mut files: Option<&mut WarpedOutput<'_>>,
         checkpoints: Option<&mut Checkpoints<'_>>,
     ) -> Result<RecoveredFields> {
-        let PlannedModes { case, plan, warp, spread } = self.planned;
+        let DistributedModes { case, plan, warp, spread } = self.planned;
         let (communicator, space) = (spread.communicator, spread.space);
         let setting = plan.propagator_setting(warp);
         let made = propagator(&setting, self.schedule, evolution.matrix);
@@ -228,7 +228,7 @@ impl ModeRun<'_> {
         leg: usize,
         kept: &RankModes,
     ) -> Result<()> {
-        let PlannedModes { case, plan, warp, spread } = self.planned;
+        let DistributedModes { case, plan, warp, spread } = self.planned;
         let WarpPlan { series, interval, legs, .. } = warp;
         // Files of times before the end have a number in their name.
         let times = &case.times;
@@ -362,11 +362,11 @@ fn refuse_uneven(
 /// overflow or vanish.
 fn read_start(
     start: &WarpedStart,
-    planned: PlannedModes<'_>,
+    planned: DistributedModes<'_>,
     system: &DiscreteSystem,
     kept: &mut RankModes,
 ) -> Result<StartModes> {
-    let PlannedModes { case, plan, warp, spread } = planned;
+    let DistributedModes { case, plan, warp, spread } = planned;
     let given = WarpedFile {
         path: start.path.clone(),
         interval: warp.interval,

@@ -17,7 +17,7 @@ use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::ExpandedResults;
-use crate::run::fields::SolvedFields;
+use crate::run::fields::solved::SolvedFields;
 use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::log::RunLog;
 use crate::run::options::Output;

@@ -1,5 +1,5 @@
-//! Conflicts between settings that studies vary: a case file with them is refused, and a chart leaves
-//! them out.
+//! Conflicts between settings that studies vary: a case file with them is refused, and a chart
+//! leaves them out.
 
 use crate::problem::case::Case;
 use crate::problem::case::data::Data;

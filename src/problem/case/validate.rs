@@ -1,11 +1,12 @@
 //! Refuses settings of a case that contradict each other.
 
 use crate::base::error::Result;
+use crate::problem::case::Case;
+use crate::problem::case::conflict::Conflict;
 use crate::problem::case::data::{Data, Exact};
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::solver::{Integrator, Limiter, Method};
 use crate::problem::case::warp::{Coefficients, Delta, Embedding, ProfileChoice, Shift};
-use crate::problem::case::{Case, Conflict};
 
 impl Case {
     /// Refuses settings that contradict each other, and sets those that follow from others.

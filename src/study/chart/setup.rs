@@ -153,8 +153,8 @@ pub fn is_reference(case: &Case) -> bool {
     case.method == Method::Classical && case.integrator == Integrator::Exponential
 }
 
-/// The reason why a case file with the choices of `case` would be refused, or why the unitary scheme
-/// is none for it.
+/// The reason why a case file with the choices of `case` would be refused, or why the unitary
+/// scheme is none for it.
 pub fn refused(case: &Case) -> Option<String> {
     let no_isometry = case.is_unitary() && case.reflects();
     let conflict = case.conflict().map(|conflict| conflict.reason);
