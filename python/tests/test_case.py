@@ -39,6 +39,40 @@ def test_a_case_of_a_case(small: pw.Case) -> None:
     assert small["axis.0.x.cells"] == 24 and pw.check(pw.Case(small))["axes"][0]["elements"] == 24
 
 
+def test_a_key_is_removed(small: pw.Case, made: pw.Case, tmp_path: Path) -> None:
+    assert small.settings() and "exact" in pw.Case(small)
+    small["exact.kind"] = "characteristics"
+    del small["exact"]
+    assert "exact" not in small and "exact" not in small.to_dict()
+    assert not any(text.startswith("exact") for text in small.settings())
+    assert repr(small).endswith("without exact>")
+    assert not any(key.startswith("exact") for key in pw.check(pw.Case(small))["settings"])
+    assert pw.check(small)["axes"][0]["elements"] == 16
+    # The same as an empty table.
+    empty = pw.Case(CASES / "example1.toml", exact={})
+    assert not any(key.startswith("exact") for key in pw.check(empty)["settings"])
+    del made["potential.0"]
+    assert made["potential"] == [{"value": 0}]
+    with pytest.raises(KeyError, match="not given in this case"):
+        del made["scheme.degree"]
+    with pytest.raises(KeyError, match=r"scheme\.degree: not given in this case; the program has"):
+        made["scheme.degree"]
+
+
+def test_an_array_for_a_formula_is_refused(made: pw.Case) -> None:
+    f = np.zeros((16, 18))
+    with pytest.raises(ValueError, match=r"^initial\.f: a formula .*write_table .*initial\.table"):
+        made["initial.f"] = f
+    before = made.to_dict()
+    for value in (f, f.tolist(), xr.DataArray(f)):
+        with pytest.raises(ValueError, match=r"^initial\.f: a formula"):
+            made["initial"] = {"f": value}
+    with pytest.raises(ValueError, match=r"^potential\.1\.value: .*potential_table"):
+        made["potential"] = [{"value": 0}, {"value": f[0]}]
+    assert made.to_dict() == before
+    made["potential"] = [{"value": np.float64(0)}]
+
+
 def test_a_table_replaces_the_whole_table(small: pw.Case) -> None:
     small["solver.propagator.step"] = 0.1
     small["solver.propagator"] = {"method": "chebyshev"}
@@ -214,6 +248,9 @@ def test_a_table_from_an_array(made: pw.Case, tmp_path: Path) -> None:
         found = pw.run(made, tmp_path / f"table{number}").open()
         difference = np.linalg.norm(found["f"] - expected["f"])
         assert difference < 2e-8 * np.linalg.norm(expected["f"])
+    # In one dimension the velocity is also called v, as in a case.
+    made["initial"] = {"table": pw.write_table(f.rename(vx="v"), tmp_path / "v.h5")}
+    assert pw.run(made, tmp_path / "v").open()["f"].equals(found["f"])
     v = xr.DataArray(0.1 * grid["x"] ** 2, coords={"x": grid["x"]})
     table = pw.write_table(v, tmp_path / "V.h5")
     made["potential"] = [{"table": table, "interpolation": "linear"}]
@@ -230,6 +267,7 @@ def test_what_is_no_table_is_refused(tmp_path: Path) -> None:
     rows = [
         (xr.DataArray(f.values, dims=("x",)), path, "each with a coordinate"),
         (f.rename(x="q"), path, "dimensions"),
+        (f.expand_dims(y=[0.0, 1.0]).rename(x="v"), path, "each with a coordinate; v is vx there"),
         (xr.DataArray(1.0), path, "dimensions"),
         (f.where(f > 0), path, "a value is not finite"),
         (f[::-1], path, "a coordinate does not ascend"),
