@@ -208,23 +208,47 @@ def test_a_long_table_over_a_file(small: pw.Case) -> None:
     assert "V = 0.2  where x < " in pw.describe(small)
 
 
+def ringing(w: np.ndarray, p: np.ndarray, recovery: float, ends: list[float]) -> float:
+    """Return the largest e^p◇ |w(p) - e^-p| of the periodic interpolant between `ends`."""
+    between, period = 8, len(p) * (p[1] - p[0])
+    modes = np.fft.rfft(w)
+    modes[-1] /= 2
+    fine = between * np.fft.irfft(modes, between * len(w))
+    place = p[0] + period / len(fine) * np.arange(len(fine))
+    turns = range(int((ends[1] - p[0]) / period) + 1)
+    place = np.concatenate([place + turn * period for turn in turns])
+    found = np.abs(np.tile(fine, len(turns)) - np.exp(-place))
+    return float(np.exp(recovery) * found[(place >= ends[0]) & (place <= ends[1])].max())
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
 def test_start_from_arrays(made: pw.Case, tmp_path: Path) -> None:
     """Arrays for f(0) and g(p) give what the formula and the same profile give."""
+    # The field is periodic in p: the points hold all p that f depends on, up to p◇ + λ⁻T.
+    p_lower, p_upper = -12.0, 20.0
     made["solver.warp"] = {
         "profile": "exponential",
         "coefficients": "sampled",
-        "interval": [-12.0, 12.0],
-        "points": 512,
+        "interval": [p_lower, p_upper],
+        "points": 1024,
         "recovery": 1.0,
         "weights": "none",
     }
     made["solver.tolerance"] = 1e-2
-    expected = pw.run(made, tmp_path / "formula").open()
+    result = pw.run(made, tmp_path / "formula")
+    expected = result.open()
+    growth, decay = (result.summary[f"{name}_bound"] for name in ("growth", "decay"))
+    ends = [1.0 - growth * made["time.end"], 1.0 + decay * made["time.end"]]
+    assert 0.0 < ends[0] < 1.0 < 12.0 < ends[1] < p_upper
     grid = made.grid()
     x, v = np.meshgrid(grid["x"], grid["vx"], indexing="ij")
     f = xr.DataArray(np.exp(-20 * ((x + 0.6) ** 2 + (v - 0.6) ** 2)), coords=grid)
-    p = -12.0 + 24.0 / 512 * np.arange(512)
+    p = np.linspace(p_lower, p_upper, 1024, endpoint=False)
     g = xr.DataArray(np.exp(-np.abs(p)), coords={"p": p})
+    assert ringing(g.to_numpy(), p, 1.0, ends) < 1e-3
+    # Points that end before do not hold it: the next period is read as if it were e^(-p).
+    short = np.linspace(-6.0, 6.0, 512, endpoint=False)
+    assert ringing(np.exp(-np.abs(short)), short, 1.0, ends) > 0.1
     made["initial"] = {"warped": pw.write_warped(f * g, tmp_path / "start.h5")}
     made["solver.warp"] = {"recovery": 1.0, "weights": "none"}
     with pytest.warns(pw.PhasewarpWarning):
