@@ -39,6 +39,40 @@ def test_a_case_of_a_case(small: pw.Case) -> None:
     assert small["axis.0.x.cells"] == 24 and pw.check(pw.Case(small))["axes"][0]["elements"] == 24
 
 
+def test_a_key_is_removed(small: pw.Case, made: pw.Case, tmp_path: Path) -> None:
+    assert small.settings() and "exact" in pw.Case(small)
+    small["exact.kind"] = "characteristics"
+    del small["exact"]
+    assert "exact" not in small and "exact" not in small.to_dict()
+    assert not any(text.startswith("exact") for text in small.settings())
+    assert repr(small).endswith("without exact>")
+    assert not any(key.startswith("exact") for key in pw.check(pw.Case(small))["settings"])
+    assert pw.check(small)["axes"][0]["elements"] == 16
+    # The same as an empty table.
+    empty = pw.Case(CASES / "example1.toml", exact={})
+    assert not any(key.startswith("exact") for key in pw.check(empty)["settings"])
+    del made["potential.0"]
+    assert made["potential"] == [{"value": 0}]
+    with pytest.raises(KeyError, match="not given in this case"):
+        del made["scheme.degree"]
+    with pytest.raises(KeyError, match=r"scheme\.degree: not given in this case; the program has"):
+        made["scheme.degree"]
+
+
+def test_an_array_for_a_formula_is_refused(made: pw.Case) -> None:
+    f = np.zeros((16, 18))
+    with pytest.raises(ValueError, match=r"^initial\.f: a formula .*write_table .*initial\.table"):
+        made["initial.f"] = f
+    before = made.to_dict()
+    for value in (f, f.tolist(), xr.DataArray(f)):
+        with pytest.raises(ValueError, match=r"^initial\.f: a formula"):
+            made["initial"] = {"f": value}
+    with pytest.raises(ValueError, match=r"^potential\.1\.value: .*potential_table"):
+        made["potential"] = [{"value": 0}, {"value": f[0]}]
+    assert made.to_dict() == before
+    made["potential"] = [{"value": np.float64(0)}]
+
+
 def test_a_table_replaces_the_whole_table(small: pw.Case) -> None:
     small["solver.propagator.step"] = 0.1
     small["solver.propagator"] = {"method": "chebyshev"}
@@ -174,23 +208,47 @@ def test_a_long_table_over_a_file(small: pw.Case) -> None:
     assert "V = 0.2  where x < " in pw.describe(small)
 
 
+def ringing(w: np.ndarray, p: np.ndarray, recovery: float, ends: list[float]) -> float:
+    """Return the largest e^p◇ |w(p) - e^-p| of the periodic interpolant between `ends`."""
+    between, period = 8, len(p) * (p[1] - p[0])
+    modes = np.fft.rfft(w)
+    modes[-1] /= 2
+    fine = between * np.fft.irfft(modes, between * len(w))
+    place = p[0] + period / len(fine) * np.arange(len(fine))
+    turns = range(int((ends[1] - p[0]) / period) + 1)
+    place = np.concatenate([place + turn * period for turn in turns])
+    found = np.abs(np.tile(fine, len(turns)) - np.exp(-place))
+    return float(np.exp(recovery) * found[(place >= ends[0]) & (place <= ends[1])].max())
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
 def test_start_from_arrays(made: pw.Case, tmp_path: Path) -> None:
     """Arrays for f(0) and g(p) give what the formula and the same profile give."""
+    # The field is periodic in p: the points hold all p that f depends on, up to p◇ + λ⁻T.
+    p_lower, p_upper = -12.0, 20.0
     made["solver.warp"] = {
         "profile": "exponential",
         "coefficients": "sampled",
-        "interval": [-12.0, 12.0],
-        "points": 512,
+        "interval": [p_lower, p_upper],
+        "points": 1024,
         "recovery": 1.0,
         "weights": "none",
     }
     made["solver.tolerance"] = 1e-2
-    expected = pw.run(made, tmp_path / "formula").open()
+    result = pw.run(made, tmp_path / "formula")
+    expected = result.open()
+    growth, decay = (result.summary[f"{name}_bound"] for name in ("growth", "decay"))
+    ends = [1.0 - growth * made["time.end"], 1.0 + decay * made["time.end"]]
+    assert 0.0 < ends[0] < 1.0 < 12.0 < ends[1] < p_upper
     grid = made.grid()
     x, v = np.meshgrid(grid["x"], grid["vx"], indexing="ij")
     f = xr.DataArray(np.exp(-20 * ((x + 0.6) ** 2 + (v - 0.6) ** 2)), coords=grid)
-    p = -12.0 + 24.0 / 512 * np.arange(512)
+    p = np.linspace(p_lower, p_upper, 1024, endpoint=False)
     g = xr.DataArray(np.exp(-np.abs(p)), coords={"p": p})
+    assert ringing(g.to_numpy(), p, 1.0, ends) < 1e-3
+    # Points that end before do not hold it: the next period is read as if it were e^(-p).
+    short = np.linspace(-6.0, 6.0, 512, endpoint=False)
+    assert ringing(np.exp(-np.abs(short)), short, 1.0, ends) > 0.1
     made["initial"] = {"warped": pw.write_warped(f * g, tmp_path / "start.h5")}
     made["solver.warp"] = {"recovery": 1.0, "weights": "none"}
     with pytest.warns(pw.PhasewarpWarning):
@@ -214,6 +272,9 @@ def test_a_table_from_an_array(made: pw.Case, tmp_path: Path) -> None:
         found = pw.run(made, tmp_path / f"table{number}").open()
         difference = np.linalg.norm(found["f"] - expected["f"])
         assert difference < 2e-8 * np.linalg.norm(expected["f"])
+    # In one dimension the velocity is also called v, as in a case.
+    made["initial"] = {"table": pw.write_table(f.rename(vx="v"), tmp_path / "v.h5")}
+    assert pw.run(made, tmp_path / "v").open()["f"].equals(found["f"])
     v = xr.DataArray(0.1 * grid["x"] ** 2, coords={"x": grid["x"]})
     table = pw.write_table(v, tmp_path / "V.h5")
     made["potential"] = [{"table": table, "interpolation": "linear"}]
@@ -230,6 +291,7 @@ def test_what_is_no_table_is_refused(tmp_path: Path) -> None:
     rows = [
         (xr.DataArray(f.values, dims=("x",)), path, "each with a coordinate"),
         (f.rename(x="q"), path, "dimensions"),
+        (f.expand_dims(y=[0.0, 1.0]).rename(x="v"), path, "each with a coordinate; v is vx there"),
         (xr.DataArray(1.0), path, "dimensions"),
         (f.where(f > 0), path, "a value is not finite"),
         (f[::-1], path, "a coordinate does not ascend"),

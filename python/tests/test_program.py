@@ -6,12 +6,14 @@ import os
 import re
 import stat
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from conftest import CASES
 
 import phasewarp as pw
-from phasewarp.program import launcher, unwrapped
+from phasewarp.program import call, launcher, unwrapped
 
 
 def script(path: Path, text: str) -> Path:
@@ -80,6 +82,58 @@ def test_a_mistake_points_into_the_file(tmp_path: Path) -> None:
     (tmp_path / "mine.toml").write_text(text)
     with pytest.raises(pw.CaseError, match=r"mine\.toml:\d+:\d+: axis\.0\.x\.cells = 0"):
         pw.check(tmp_path / "mine.toml")
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
+def test_a_mistake_in_a_case_without_a_file(made: pw.Case, tmp_path: Path) -> None:
+    """The message names a line of its text, and no file that is gone."""
+    made["time.end"] = -1
+    for ask in (pw.check, pw.describe, lambda case: pw.run(case, tmp_path / "a" / "b")):
+        with pytest.raises(pw.CaseError, match=r"^case\.toml:(\d+):\d+: time\.end = -1") as caught:
+            ask(made)
+        line = int(str(caught.value).split(":")[1])
+        assert made.to_toml().splitlines()[line - 1] == "end = -1"
+    with pytest.raises(pw.CaseError) as caught:
+        pw.check(made)
+    details = caught.value.details
+    assert details is not None and details["file"] == "case.toml" and details["line"] == line
+    # A refused run leaves nothing.
+    assert not list(tmp_path.iterdir())
+    # Long lines are joined as those of a short name.
+    made["time.end"], made["solver.tolerence"] = 1.0, 1
+    with pytest.raises(
+        pw.CaseError, match=r'\(did you mean "tolerance"\?\); known here: .*reduce\n'
+    ):
+        pw.check(made)
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
+def test_words_of_this_package_in_messages(made: pw.Case, tmp_path: Path) -> None:
+    pw.run(made, tmp_path / "run")
+    with pytest.raises(pw.CaseError, match=r"resume=True keeps it .*, force=True replaces it, ano"):
+        pw.run(made, tmp_path / "run")
+    other = made.replace({"title": "Another"})
+    with pytest.raises(
+        pw.CaseError, match=r"another result: title .*; force=True replaces"
+    ) as told:
+        pw.run(other, tmp_path / "run")
+    assert "-o" not in str(told.value).split()
+
+
+def test_ranks_are_whole_numbers(small: pw.Case, tmp_path: Path) -> None:
+    wrong: list[Any] = ["2", 2.0, None]
+    for ranks in wrong:
+        with pytest.raises(TypeError, match=rf"^ranks = {ranks!r}: a whole number expected"):
+            pw.run(small, tmp_path / "run", ranks=ranks)
+    assert not (tmp_path / "run").exists()
+    texts: list[Any] = ["1..8", "2"]
+    for text in texts:
+        with pytest.raises(TypeError, match=r"a whole number or a list of them expected"):
+            pw.plan(small, text)
+    number: Any = np.int64(4)
+    assert np_of(pw.plan(small, number)["layout"]["mesh"]) == 4
+    assert pw.plan(small, np.array([1, 2]), ranks_x=np.array([1]))["ranks"].tolist() == [1, 2]
+    assert pw.plan(small, range(1, 4))["ranks"].tolist() == [1, 2, 3]
 
 
 def test_any_other_failure(tmp_path: Path) -> None:
@@ -154,6 +208,74 @@ def test_going_on(small: pw.Case, tmp_path: Path) -> None:
     assert second.summary["continued"]["time"] == 0.5 * end
     times = second.open()["time"].to_numpy()
     assert times.tolist() == pytest.approx([0.5 * end, 0.6 * end, 0.9 * end, end])
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
+def test_the_directory_has_one_name(small: pw.Case, tmp_path: Path) -> None:
+    """`directory`, by default beside the first run's; the former name `output` works, too."""
+    end = float(small["time.end"])
+    first = pw.run(small.replace({"time.end": 0.25}), directory=tmp_path / "first")
+    former = pw.run(small.replace({"time.end": 0.25}), output=tmp_path / "former")
+    assert former.summary["mass"] == first.summary["mass"]
+    second = pw.continue_run(first, end, directory=tmp_path / "second")
+    third = pw.continue_run(first, end, output=tmp_path / "third")
+    fourth = pw.continue_run(f"{tmp_path}/first/", end)
+    assert fourth.directory == tmp_path / f"first-until-{end:g}"
+    for result in (third, fourth):
+        assert result.open()["f"].equals(second.open()["f"])
+    # As the command names it.
+    call(["run", "--continue", str(first.directory), "--until", repr(end), "--resume"])
+    assert len(list(tmp_path.iterdir())) == 5
+    with pytest.raises(TypeError, match="directory and output are one"):
+        pw.run(small, tmp_path, output=tmp_path)
+    with pytest.raises(TypeError, match="directory: missing"):
+        pw.run(small)
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
+def test_the_case_of_a_run_is_kept(made: pw.Case, tmp_path: Path) -> None:
+    """A case without a file is stored with the results, and what they name is there."""
+    place = tmp_path / "run"
+    result = pw.run(made, place)
+    file = place / "case.toml"
+    assert result.open().attrs["case_file"] == str(file)
+    assert f"phasewarp advise {file} --accuracy" in result.summary["accuracy"]["advice"]
+    assert pw.Case(file) == made
+    text, date = file.read_text("utf-8"), file.stat().st_mtime_ns
+    assert text.startswith(made.to_toml())
+    # It belongs to the results: a run that is refused, or that finds them, leaves it alone.
+    pw.run(made, place, resume=True)
+    with pytest.raises(pw.CaseError, match="force=True replaces it"):
+        pw.run(made.replace({"time.end": 0.25}), place)
+    with pytest.raises(pw.CaseError, match=r"^case\.toml:"):
+        pw.run(made.replace({"time.end": -1}), place, force=True)
+    with pytest.raises(ValueError, match="ranks"):
+        pw.run(made.replace({"time.end": 0.25}), place, force=True, ranks=0)
+    assert file.read_text("utf-8") == text and pw.Case(result.open().attrs["case_file"]) == made
+    pw.run(made.replace({"time.end": 0.25}), place, force=True)
+    assert pw.Case(file)["time.end"] == 0.25 and file.stat().st_mtime_ns > date
+    # It does not describe the results of a case with a file.
+    pw.run(made.replace({"time.end": 0.1}).save(tmp_path / "mine.toml"), place, force=True)
+    assert not file.exists()
+    # A file of another's is not replaced, and the results are the same.
+    made.save(file)
+    again = pw.run(made, place, force=True)
+    assert file.read_text("utf-8") == made.to_toml()
+    assert "phasewarp-" in again.open().attrs["case_file"]
+    assert again.open()["f"].equals(pw.run(made, tmp_path / "other").open()["f"])
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
+def test_long_values_beside_a_file(small: pw.Case, tmp_path: Path) -> None:
+    """The title is by default the name of the file, also where the case is written anew."""
+    del small["title"]
+    path = small.save(tmp_path / "mine.toml")
+    edges = np.linspace(-1.5, 1.5, 401)
+    table = pw.potential_table(np.where(np.arange(400) % 2, 0.2, 0.0), edges)
+    long = pw.Case(path).replace({"axis.0.x.cells": 400, "potential": table})
+    with long.arguments() as words:
+        assert not words[0].endswith("mine.toml")
+    assert pw.check(long)["title"] == "mine.toml"
 
 
 def test_plan(small: pw.Case) -> None:

@@ -191,3 +191,28 @@ def test_figures_and_report(small: pw.Case, tmp_path: Path) -> None:
     result = pw.run(small, tmp_path)
     assert {path.name for path in result.plot()} >= {"phase_space.png", "moments.png"}
     assert "<html" in result.report().read_text()
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
+def test_a_result_is_found_from_anywhere(
+    small: pw.Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = pw.run(small, "results/small")
+    assert result.directory == tmp_path / "results" / "small"
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert "f" in result.open() and result.summary["mass"] > 0
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
+def test_other_files_are_refused_by_name(small: pw.Case, tmp_path: Path) -> None:
+    pw.run(small, tmp_path)
+    for name in ("summary.json", "grids.h5"):
+        with pytest.raises(OSError, match=rf"{name}: not a file that a run writes its fields to"):
+            pw.open_result(tmp_path / name)
+    with pytest.raises(FileNotFoundError, match="none: no result"):
+        pw.open_result(tmp_path / "none")
+    w = xr.DataArray(np.ones((2, 2, 2)), coords={n: [0.0, 1.0] for n in ("x", "vx", "p")})
+    with pytest.raises(OSError, match=r"w\.h5: not a file that a run writes"):
+        pw.open_result(pw.write_warped(w, tmp_path / "w.h5"))

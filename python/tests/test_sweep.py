@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
+from conftest import CASES
 
 import phasewarp as pw
 from phasewarp.program import call
-from phasewarp.sweep import run_name
+from phasewarp.sweep import ENTRIES, run_name
 
 
 def test_table(small: pw.Case, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -137,3 +140,54 @@ def test_nothing_to_vary(small: pw.Case, tmp_path: Path) -> None:
         pw.sweep(small, {}, tmp_path)
     with pytest.raises(ValueError, match="vary"):
         pw.sweep(small, {"time.end": []}, tmp_path)
+
+
+def test_what_gives_no_table_is_refused_before_the_first_run(
+    small: pw.Case, made: pw.Case, tmp_path: Path
+) -> None:
+    def refused(vary: dict[str, Any], **options: Any) -> str:
+        with pytest.raises(ValueError) as caught:
+            pw.sweep(small, vary, tmp_path / "sweep", **options)
+        assert not (tmp_path / "sweep").exists()
+        return str(caught.value)
+
+    expected = "scheme.interface: a list of values expected, not a text"
+    assert refused({"scheme.interface": "hat"}) == expected
+    assert refused({"axis.0.x.cells": 16}) == "axis.0.x.cells: a list of values expected, not 16"
+    assert "not a table" in refused({"exact": {"kind": "characteristics"}})
+    one = {"solver.tolerance": [1e-2]}
+    assert 'modez (did you mean "modes"?)' in refused(one, columns=["modez"])
+    assert "no entry accurazy.grid" in refused(one, columns=["modes", "accurazy.grid"])
+    assert "not 'modes'" in refused(one, columns="modes")
+    assert "mode = 'ful'" in refused(one, mode="ful")
+    # As the command says it, and of a case without a file, too.
+    said = 'unknown key solver.tolerence (did you mean "tolerance"?)'
+    assert said in refused({"solver.tolerence": [1e-2, 1e-3]})
+    with pytest.raises(pw.CaseError, match=r"unknown key solver\.tolerence"):
+        pw.sweep(made, {"solver.tolerence": [1e-2]}, tmp_path / "sweep")
+    assert not (tmp_path / "sweep").exists()
+
+
+def test_values_may_be_any_row(small: pw.Case, tmp_path: Path) -> None:
+    rows: list[Any] = [np.array([1e-2, 1e-3]), (1e-2, 1e-3), pd.Series([1e-2, 1e-3])]
+    for values in rows:
+        table = pw.sweep(small, {"solver.tolerance": values}, tmp_path, progress=False)
+        assert table["solver.tolerance"].tolist() == [1e-2, 1e-3]
+    degrees = pw.sweep(small, {"scheme.degree": range(2)}, tmp_path, progress=False)
+    assert degrees["scheme.degree"].tolist() == [0, 1]
+
+
+@pytest.mark.filterwarnings("ignore::phasewarp.PhasewarpWarning")
+def test_entries_are_those_of_the_program(small: pw.Case, tmp_path: Path) -> None:
+    """A summary has no entry that `columns` refuses, and the page names every one."""
+    assert ENTRIES.issuperset(pw.run(small, tmp_path / "ordinary").summary)
+    classical = small.replace({"solver.method": "classical"})
+    assert ENTRIES.issuperset(pw.run(classical, tmp_path / "classical").summary)
+    page = (CASES.parent / "docs/usage.md").read_text("utf-8")
+    table = page.split("### summary.json", 1)[1].split("\n### ", 1)[0]
+    named = set()
+    for line in table.splitlines():
+        if line.startswith("| `"):
+            named |= set(re.findall(r"`(\w+)`", line.split("|")[1]))
+    # A row that stands for its relative entries names them by an ellipsis.
+    assert named <= ENTRIES and len(named) > 60, named - ENTRIES

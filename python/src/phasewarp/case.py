@@ -9,7 +9,7 @@ import re
 import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from phasewarp.program import StrPath, call
+from phasewarp.program import TEMPORARY, CaseError, PhasewarpError, StrPath, call
 
 SPACE = ("x", "y", "z")
 #: Longest value that is handed over on the command line; longer ones go into a file.
 LONGEST_ARGUMENT = 10_000
+#: Name of the files that cases without a file of their own are written to.
+FILE = "case.toml"
+#: Last line of such a file in the directory of a run: others are not replaced.
+MARK = "# Written by the Python package of phasewarp for the run in this directory.\n"
+#: Keys of formulas that an array could be meant for.
+FORMULA = re.compile(r"initial\.(f|density)|potential\.\d+\.value|inflow\.value")
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -67,10 +73,13 @@ class Case:
         self.path: Path | None = None
         self._tree: dict[str, Any] = {}
         self._settings: dict[str, Any] = {}
+        # Keys of the file that this case does not have.
+        self._removed: list[str] = []
         if isinstance(source, Case):
             self.path = source.path
             self._tree = deepcopy(source._tree)
             self._settings = deepcopy(source._settings)
+            self._removed = list(source._removed)
         elif isinstance(source, Mapping):
             tables = {**source, **tables}
         elif source is not None:
@@ -87,11 +96,12 @@ class Case:
             for part in key.split("."):
                 value = value[index_of(value, part)]
         except LookupError:
-            raise KeyError(f"{key}: not given in this case") from None
+            raise KeyError(f"{key}: not given in this case; the program has a default") from None
         return deepcopy(value)
 
     def __setitem__(self, key: str, value: Any) -> None:
         """Replace the value of a dotted key; a table replaces the whole table."""
+        refuse_arrays(key, value)
         value = plain(value)
         *above, last = key.split(".")
         place: Any = self._tree
@@ -107,6 +117,20 @@ class Case:
         self._settings.pop(key, None)
         self._settings[key] = deepcopy(value)
 
+    def __delitem__(self, key: str) -> None:
+        """Remove a dotted key, which has its default then; `KeyError` where it is not given."""
+        if key not in self:
+            raise KeyError(f"{key}: not given in this case")
+        *above, last = key.split(".")
+        place: Any = self._tree
+        for part in above:
+            place = place[index_of(place, part)]
+        del place[index_of(place, last)]
+        self._settings = {
+            k: v for k, v in self._settings.items() if k != key and not k.startswith(f"{key}.")
+        }
+        self._removed.append(key)
+
     def __contains__(self, key: str) -> bool:
         try:
             self[key]
@@ -117,7 +141,8 @@ class Case:
     def __repr__(self) -> str:
         if self.path is None:
             return f"<Case {self._tree.get('title', 'without title')!r}>"
-        return " ".join([f"<Case {self.path}", *self.settings()]) + ">"
+        removed = [f"without {key}" for key in self._removed]
+        return " ".join([f"<Case {self.path}", *self.settings(), *removed]) + ">"
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Case) and self.to_dict() == other.to_dict()
@@ -161,20 +186,27 @@ class Case:
         return [f"{key}={toml(value)}" for key, value in self._settings.items()]
 
     @contextmanager
-    def arguments(self) -> Iterator[list[str]]:
+    def arguments(self, directory: Path | None = None) -> Iterator[list[str]]:
         """Give the words by which the program takes this case.
 
         A file is named as it is, so that messages point into it, with a ``--set`` for every value
-        that was replaced. A case that was made here, or has long values, is written to a file that
-        is removed afterwards.
+        that was replaced. A case that was made here, lacks keys of its file, or has long values is
+        written to a file ``case.toml``. Of a run into `directory` this is kept there, unless the
+        run is refused; otherwise it is removed afterwards, and messages name it without its place.
         """
         settings = self.settings()
-        if self.path is not None and max(map(len, settings), default=0) <= LONGEST_ARGUMENT:
+        longest = max(map(len, settings), default=0)
+        if self.path is not None and longest <= LONGEST_ARGUMENT and not self._removed:
             yield [str(self.path), *itertools.chain(*(["--set", s] for s in settings))]
+            if directory is not None and is_written(directory / FILE):
+                (directory / FILE).unlink()  # of another run, whose results this one replaced
             return
-        with tempfile.TemporaryDirectory(prefix="phasewarp-") as directory:
-            name = "case.toml" if self.path is None else self.path.name
-            yield [str(self.save(Path(directory) / name))]
+        words = []
+        if self.path is not None and "title" not in self._tree:
+            # By default the title is the name of the file.
+            words = ["--set", f"title={toml(self.path.name)}"]
+        with written(self.to_toml(), directory) as path:
+            yield [str(path), *words]
 
     def faces(self, axis: str) -> np.ndarray:
         """Return the faces of the cells along an axis (`x`, …, `vz`; in one dimension also `v`).
@@ -212,6 +244,47 @@ class Case:
         names = [*SPACE[: len(axes)], *(f"v{name}" for name in SPACE[: len(axes)])]
         faces = {name: self.faces(name) for name in names}
         return {name: 0.5 * (ends[1:] + ends[:-1]) for name, ends in faces.items()}
+
+
+@contextmanager
+def written(text: str, directory: Path | None) -> Iterator[Path]:
+    """Give a file with the text of a case: in the directory of a run, or one that is removed.
+
+    What the directory held before is there again if the run is refused. A file of another origin
+    there is not touched.
+    """
+    path = None if directory is None else directory / FILE
+    if path is None or (path.exists() and not is_written(path)):
+        with tempfile.TemporaryDirectory(prefix=TEMPORARY) as place:
+            path = Path(place) / FILE
+            path.write_text(text, encoding="utf-8")
+            yield path
+        return
+    before = path.read_bytes() if path.exists() else None
+    created = [place for place in path.parents if not place.exists()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if before != (text + MARK).encode():
+        path.write_text(text + MARK, encoding="utf-8")
+    try:
+        yield path
+    except Exception as error:
+        # Whatever else the program says, it has begun.
+        if isinstance(error, CaseError) or not isinstance(error, PhasewarpError):
+            if before is None:
+                path.unlink()
+            else:
+                path.write_bytes(before)
+            with suppress(OSError):
+                for made in created:
+                    made.rmdir()
+            if error.args and isinstance(error.args[0], str):
+                error.args = (error.args[0].replace(str(path), FILE), *error.args[1:])
+        raise
+
+
+def is_written(path: Path) -> bool:
+    """Return whether a file is one that :func:`written` left in the directory of a run."""
+    return path.is_file() and path.read_bytes().endswith(MARK.encode())
 
 
 def index_of(place: Any, part: str) -> int | str:
@@ -349,8 +422,8 @@ def write_table(f: xr.DataArray, path: StrPath) -> dict[str, Any]:
     Parameters
     ----------
     f
-        Dimensions among ``x, y, z, vx, vy, vz, t``, each with a coordinate that ascends: any
-        points, not only those of the grid of the case.
+        Dimensions among ``x, y, z, vx, vy, vz, t`` (in one dimension also ``v``), each with a
+        coordinate that ascends: any points, not only those of the grid of the case.
     path
         The HDF5 file.
 
@@ -365,10 +438,15 @@ def write_table(f: xr.DataArray, path: StrPath) -> dict[str, Any]:
         raise TypeError(f"{type(f).__name__}: an xarray.DataArray with coordinates expected")
     if Path(path).suffix.lower() == ".csv":
         raise ValueError(f"{path}: this writes HDF5, which the program takes a .csv not to be")
-    known = {*SPACE, *(f"v{name}" for name in SPACE), "t"}
+    known = [*SPACE, *(f"v{name}" for name in SPACE), "t"]
+    # As in a case: the velocity of one dimension.
     names = [str(name) for name in f.dims]
-    if not names or not known.issuperset(names) or any(name not in f.coords for name in names):
-        raise ValueError(f"dimensions {f.dims}: some of {sorted(known)}, each with a coordinate")
+    plane = {"y", "z", "vx", "vy", "vz"}.intersection(names)
+    wrong = set(names).difference(known if plane else [*known, "v"])
+    if not names or wrong or any(name not in f.coords for name in names):
+        hint = "; v is vx there" if wrong == {"v"} else ""
+        said = f"some of {', '.join(known)}, each with a coordinate{hint}"
+        raise ValueError(f"dimensions {f.dims}: {said}")
     if not np.isfinite(f.values).all():
         raise ValueError("a value is not finite")
     if any(not (np.diff(f[name].values) > 0).all() for name in names):
@@ -379,6 +457,23 @@ def write_table(f: xr.DataArray, path: StrPath) -> dict[str, Any]:
         for name in names:
             file.create_dataset(f"axis/{name}", data=f[name].values.astype("<f8"))
     return {"file": str(path), "dataset": "f", "axes": names}
+
+
+def refuse_arrays(key: str, value: Any) -> None:
+    """Raise `ValueError` where a formula has its place, and `value` has an array there."""
+    if isinstance(value, Mapping):
+        for inner, item in value.items():
+            refuse_arrays(f"{key}.{inner}", item)
+    elif isinstance(value, list | tuple) and any(isinstance(item, Mapping) for item in value):
+        for number, item in enumerate(value):
+            refuse_arrays(f"{key}.{number}", item)
+    elif isinstance(value, list | tuple | np.ndarray | xr.DataArray) and FORMULA.fullmatch(key):
+        table = key.rpartition(".")[0]
+        also = ", potential_table makes formulas of one" if table.startswith("potential") else ""
+        raise ValueError(
+            f'{key}: a formula expected, not an array; write_table writes an array for "{table}.'
+            f'table"{also}'
+        )
 
 
 def plain(value: Any) -> Any:

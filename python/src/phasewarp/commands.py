@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, overload
 
+import numpy as np
 import pandas as pd
 
 from phasewarp.case import Case
-from phasewarp.program import CaseError, PhasewarpWarning, StrPath, call
+from phasewarp.program import CaseError, PhasewarpWarning, StrPath, call, whole
 from phasewarp.result import Result
 
 CaseLike = Case | StrPath
 Mode = Literal["streamed", "full"]
-Option = str | float | bool | Sequence[int] | None
+Option = str | float | bool | Iterable[int] | None
 
 
 def as_case(case: CaseLike) -> Case:
@@ -28,12 +30,14 @@ def options(**values: Option) -> list[str]:
     words = []
     for name, value in values.items():
         option = "--" + name.replace("_", "-")
+        if isinstance(value, np.generic):
+            value = value.item()
         if value is True:
             words.append(option)
         elif isinstance(value, str | int | float) and value is not False:
             words += [option, str(value)]
-        elif isinstance(value, Sequence):
-            words += [option, ",".join(map(str, value))]
+        elif isinstance(value, Iterable):
+            words += [option, ",".join(str(whole(name, item)) for item in value)]
     return words
 
 
@@ -78,7 +82,7 @@ def plan(
     case: CaseLike,
     ranks: int = 1,
     *,
-    ranks_x: Sequence[int] | None = None,
+    ranks_x: Iterable[int] | None = None,
     memory_per_rank: str | None = None,
     memory_per_node: str | None = None,
     ranks_per_node: int | None = None,
@@ -91,9 +95,9 @@ def plan(
 @overload
 def plan(
     case: CaseLike,
-    ranks: Sequence[int],
+    ranks: Iterable[int],
     *,
-    ranks_x: Sequence[int] | None = None,
+    ranks_x: Iterable[int] | None = None,
     memory_per_rank: str | None = None,
     memory_per_node: str | None = None,
     ranks_per_node: int | None = None,
@@ -105,9 +109,9 @@ def plan(
 
 def plan(
     case: CaseLike,
-    ranks: int | Sequence[int] = 1,
+    ranks: int | Iterable[int] = 1,
     *,
-    ranks_x: Sequence[int] | None = None,
+    ranks_x: Iterable[int] | None = None,
     memory_per_rank: str | None = None,
     memory_per_node: str | None = None,
     ranks_per_node: int | None = None,
@@ -144,9 +148,15 @@ def plan(
     program
         As for :func:`phasewarp.find_program`.
     """
+    several = isinstance(ranks, Iterable)
+    if isinstance(ranks, str):
+        raise TypeError(
+            f"ranks = {ranks!r}: a whole number or a list of them expected, as range(1, 9)"
+        )
+    numbers = list(ranks) if isinstance(ranks, Iterable) else [whole("ranks", ranks)]
     given = options(
         # The last twice: so a list of one number is a list, too.
-        ranks=[*ranks, *ranks[-1:]] if isinstance(ranks, Sequence) else ranks,
+        ranks=[*numbers, *numbers[-1:]] if several else numbers,
         ranks_x=ranks_x,
         memory_per_rank=memory_per_rank,
         memory_per_node=memory_per_node,
@@ -157,7 +167,7 @@ def plan(
     )
     with as_case(case).arguments() as words:
         text = call(["plan", *words, *given], ranks=calibrate or 1, program=program)
-    return pd.DataFrame(json.loads(text)) if isinstance(ranks, Sequence) else as_dict(text)
+    return pd.DataFrame(json.loads(text)) if several else as_dict(text)
 
 
 def advise(
@@ -258,11 +268,12 @@ def spectrum(
 
 def run(
     case: CaseLike,
-    output: StrPath,
+    directory: StrPath | None = None,
     *,
+    output: StrPath | None = None,
     ranks: int = 1,
     mode: Mode | None = None,
-    ranks_x: Sequence[int] | None = None,
+    ranks_x: Iterable[int] | None = None,
     resume: bool = False,
     force: bool = False,
     walltime: str | float | None = None,
@@ -275,8 +286,11 @@ def run(
     ----------
     case
         The case, or its file.
+    directory
+        Where the results go. It is refused if it holds other results, unless `force`. A case that
+        comes from no file is written there, too, as ``case.toml``.
     output
-        Directory of the results. It is refused if it holds other results, unless `force`.
+        The same, as this argument was called before.
     ranks
         MPI ranks, started by ``mpirun -np`` or as ``PHASEWARP_LAUNCHER`` says.
     mode
@@ -284,10 +298,10 @@ def run(
     ranks_x
         Blocks along each space axis; the other ranks split the modes.
     resume
-        Continue from the newest checkpoint in `output`, on any number of ranks. A run that is
+        Continue from the newest checkpoint in `directory`, on any number of ranks. A run that is
         finished there, of this case, is not repeated.
     force
-        Replace the results of another run in `output`.
+        Replace the results of another run in `directory`.
     walltime
         Stop with a checkpoint before so much time has passed: seconds, or ``"90m"``.
     timeout
@@ -306,24 +320,36 @@ def run(
     PhasewarpError
         For any other failure.
     """
+    place = one_of(directory, output)
+    if place is None:
+        raise TypeError("directory: missing; where the results go")
     given = options(
-        output=str(output),
+        output=str(place),
         mode=mode,
         ranks_x=ranks_x,
         resume=resume,
         force=force,
         walltime=walltime,
     )
-    with as_case(case).arguments() as words:
+    with as_case(case).arguments(place) as words:
         call(["run", *words, *given], ranks=ranks, timeout=timeout, program=program)
-    return Result(output)
+    return Result(place)
+
+
+def one_of(directory: StrPath | None, output: StrPath | None) -> Path | None:
+    """Return the directory of a run, by either name of the argument."""
+    if directory is not None and output is not None:
+        raise TypeError("directory and output are one argument; give the first")
+    given = output if directory is None else directory
+    return None if given is None else Path(given)
 
 
 def continue_run(
     result: Result | StrPath,
     until: float,
-    output: StrPath,
+    directory: StrPath | None = None,
     *,
+    output: StrPath | None = None,
     settings: Mapping[str, str | float | bool | Sequence[float]] | None = None,
     ranks: int = 1,
     resume: bool = False,
@@ -340,22 +366,29 @@ def continue_run(
         The run, or its directory. It is not changed.
     until
         The final time, counted from 0 as all times.
+    directory
+        Where the new results go; by default ``DIR-until-T``, beside the directory of the run.
     output
-        Directory of the new results.
+        The same, as this argument was called before.
     settings
         Changes to the case by dotted keys, such as ``{"output.fields_every": 0.1}``. The grid
         stays.
     ranks, resume, force, walltime, timeout, program
         As for :func:`run`, which says what is raised.
     """
-    directory = result.directory if isinstance(result, Result) else result
-    words = ["run", "--continue", str(directory), "--until", repr(float(until))]
+    begun = result.directory if isinstance(result, Result) else Path(result)
+    place = one_of(directory, output)
+    if place is None:
+        beside = begun.resolve() if begun.name in ("", "..") else begun
+        time = np.format_float_positional(float(until), trim="-")
+        place = beside.with_name(f"{beside.name}-until-{time}")
+    words = ["run", "--continue", str(begun), "--until", repr(float(until))]
     for key, value in (settings or {}).items():
         # JSON of numbers, texts, truth values and lists of numbers is TOML.
         words += ["--set", f"{key}={json.dumps(value)}"]
-    words += options(output=str(output), resume=resume, force=force, walltime=walltime)
+    words += options(output=str(place), resume=resume, force=force, walltime=walltime)
     call(words, ranks=ranks, timeout=timeout, program=program)
-    return Result(output)
+    return Result(place)
 
 
 def as_dict(text: str) -> dict[str, Any]:

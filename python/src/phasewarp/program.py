@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import re
 import shlex
@@ -16,6 +17,17 @@ StrPath = str | os.PathLike[str]
 
 #: Seconds that the program has for ending by itself before it is killed.
 GRACE = 10.0
+
+#: How the names of directories begin that hold a case for the time of a call.
+TEMPORARY = "phasewarp-"
+
+#: Options in the program's messages, and what they are here.
+IN_PYTHON = {
+    r"(?<![\w-])--resume(?![\w-])": "resume=True",
+    r"(?<![\w-])--force(?![\w-])": "force=True",
+    r"-o gives another directory": "another directory can be given",
+    r"phasewarp advise .* --accuracy ε": "pw.advise(case, ε)",
+}
 
 #: Columns of the lines that the program prints for people.
 COLUMNS = 100
@@ -61,7 +73,11 @@ class StoppedError(PhasewarpError):
 
 
 class TimedOutError(PhasewarpError, TimeoutError):
-    """The run was ended because it took longer than `timeout`."""
+    """The run was ended because it took longer than `timeout`.
+
+    `exit_code` is 75 where the program stopped by itself, -9 where it had to be killed, and with
+    a launcher whatever that returned.
+    """
 
 
 class ProgramNotFoundError(FileNotFoundError):
@@ -109,6 +125,7 @@ def launcher(ranks: int) -> list[str]:
     The environment variable ``PHASEWARP_LAUNCHER`` replaces ``mpirun -np {ranks}``, for example by
     ``srun -n {ranks}``.
     """
+    ranks = whole("ranks", ranks)
     if ranks < 1:
         raise ValueError(f"ranks = {ranks}: must be at least 1")
     template = os.environ.get("PHASEWARP_LAUNCHER")
@@ -116,6 +133,14 @@ def launcher(ranks: int) -> list[str]:
         return []
     words = shlex.split(template or "mpirun -np {ranks}")
     return [word.replace("{ranks}", str(ranks)) for word in words]
+
+
+def whole(name: str, value: Any) -> int:
+    """Return a whole number; `TypeError` for anything else, also for 2.0 and "2"."""
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} = {value!r}: a whole number expected") from None
 
 
 def call(
@@ -177,16 +202,34 @@ def call(
     except BaseException:
         end(process)
         raise
+    # Lines are joined first: a shorter name leaves room for the word that follows.
+    errors = without_places(unwrapped(errors), arguments)
+    output, lines = (without_places(text, arguments) for text in (output, unwrapped(output)))
     if process.returncode != 0:
         kinds = {2: CaseError, 75: StoppedError}
         kind = kinds.get(process.returncode, PhasewarpError)
-        raise kind(message_of(unwrapped(errors)), process.returncode, command, output)
-    for line in (*unwrapped(errors).splitlines(), *unwrapped(output).splitlines()):
+        raise kind(in_python(message_of(errors)), process.returncode, command, output)
+    for line in (*errors.splitlines(), *lines.splitlines()):
         if line.startswith(("warning: ", "UNDER-RESOLVED: ")):
-            # The case may be a file that is gone by now.
-            said = re.sub(r"phasewarp advise .* --accuracy ε", "pw.advise(case, ε)", line)
-            warnings.warn(said.removeprefix("warning: "), PhasewarpWarning, stacklevel=3)
+            said = in_python(line).removeprefix("warning: ")
+            warnings.warn(said, PhasewarpWarning, stacklevel=3)
     return output
+
+
+def without_places(text: str, arguments: Sequence[StrPath]) -> str:
+    """Return `text` with the bare names of files that are gone after the call."""
+    for word in arguments:
+        place = os.path.dirname(os.fspath(word))  # noqa: PTH120
+        if os.path.basename(place).startswith(TEMPORARY):  # noqa: PTH119
+            text = text.replace(place + os.sep, "")
+    return text
+
+
+def in_python(message: str) -> str:
+    """Return a message of the program with the words of this package for its options."""
+    for option, words in IN_PYTHON.items():
+        message = re.sub(option, words, message)
+    return message
 
 
 def end(process: subprocess.Popen[str]) -> None:

@@ -20,17 +20,23 @@ from phasewarp.program import StrPath, call
 
 SPACE = ("x", "y", "z")
 #: Groups of the file that hold copies or no arrays.
+#: What is said of other files.
+NO_RESULT = (
+    "not a file that a run writes its fields to; the directory of a run expected, its result.h5, "
+    "or a warped field"
+)
 LEFT_OUT = ("axis", "xdmf", "timings")
 
 
 @dataclass(frozen=True)
 class Result:
-    """A finished run: the directory that it wrote."""
+    """A finished run: the directory that it wrote, as an absolute path."""
 
     directory: Path
 
     def __init__(self, directory: StrPath) -> None:
-        object.__setattr__(self, "directory", Path(directory))
+        # It holds after a change of the working directory, too.
+        object.__setattr__(self, "directory", Path(directory).absolute())
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -82,7 +88,7 @@ def open_result(path: StrPath, **options: Any) -> xr.Dataset:
     if place.is_dir():
         place = place / "result.h5"
     if not place.is_file():
-        raise FileNotFoundError(f"{place}: no result of phasewarp")
+        raise FileNotFoundError(f"{place.absolute()}: no result of phasewarp")
     return xr.open_dataset(place, engine=Backend, **options)
 
 
@@ -99,8 +105,12 @@ class Backend(BackendEntrypoint):
     ) -> xr.Dataset:
         """Open a result; see :func:`open_result`."""
         path = Path(filename_or_obj)
+        if not h5py.is_hdf5(path):
+            raise OSError(f"{path}: {NO_RESULT}")
         dropped = {drop_variables} if isinstance(drop_variables, str) else set(drop_variables or ())
         with h5py.File(path) as file:
+            if "time" not in file.attrs or "case_file" not in file.attrs:
+                raise OSError(f"{path}: {NO_RESULT}")
             variables = {**fields(file, path), **earlier(file, path)}
             coordinates = axes(file)
             coordinates.update(times(file))

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+import difflib
 import itertools
 import json
 import math
 import re
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pandas as pd
 
 from phasewarp.case import Case, plain
 from phasewarp.commands import CaseLike, Mode, as_case, run
-from phasewarp.program import PhasewarpError, PhasewarpWarning, StrPath
+from phasewarp.program import CaseError, PhasewarpError, PhasewarpWarning, StrPath, call
 from phasewarp.result import Result, entry
 
 #: Entries of `summary.json` in a table, by default; those that no run knows are left out.
@@ -36,10 +37,27 @@ COLUMNS = (
     "memory_peak_bytes_per_rank",
 )
 
+_ENTRIES = """
+accuracy cells checkpoints checksum continued decay_bound distinct_rows error_density_l1
+error_density_l1_relative error_density_l2 error_density_l2_relative error_estimate
+error_estimate_reliable error_l1 error_l1_relative error_l2 error_l2_relative error_momentum_l1
+error_momentum_l1_relative error_momentum_l2 error_momentum_l2_relative error_semidiscrete
+error_velocity_l1 exact_density_error exact_l1 exact_l2 fields files git group_seconds growth_bound
+growth_certificate imbalance inflow_unknowns instruction_set interface kinetic_energy ledger mass
+mass_exact mass_initial matvecs matvecs_here maximum memory_anonymous_bytes_per_rank
+memory_peak_bytes_per_rank memory_planned_bytes_per_rank method minimum minimum_before_limiting
+missed mode_groups modes norm_kept norm_ratio norm_ratio_planned points potential_energy
+probabilities ranks readout reductions resumed seconds solve_seconds solves space_blocks step_error
+time_error time_steps title tolerance unitarity_defect version wall_seconds warnings weight_spread
+weight_sweeps
+"""
+#: First parts of the keys of `columns`: the entries of `summary.json` (docs/usage.md).
+ENTRIES = frozenset(_ENTRIES.split())
+
 
 def sweep(
     case: CaseLike,
-    vary: Mapping[str, Sequence[Any]],
+    vary: Mapping[str, Iterable[Any]],
     directory: StrPath,
     *,
     ranks: int = 1,
@@ -58,13 +76,17 @@ def sweep(
     interrupted continues from its checkpoint. A run that fails does not end the sweep: its row has
     the message in the column ``error``.
 
+    What cannot give a table is refused before the first run, as the command refuses it: values of
+    which no combination is a case, such as those of an unknown key, and unknown `columns`.
+
     Parameters
     ----------
     case
         The case, or its file.
     vary
-        Values by dotted key, as ``{"scheme.degree": [1, 2], "solver.tolerance": [1e-3, 1e-6]}``.
-        The last key varies fastest.
+        Lists of values by dotted key, as
+        ``{"scheme.degree": [1, 2], "solver.tolerance": [1e-3, 1e-6]}``. The last key varies
+        fastest.
     directory
         Where the directories of the runs go.
     ranks, mode, program
@@ -82,14 +104,22 @@ def sweep(
         Columns: the keys of `vary`, those of `columns` that any run knows, ``warnings`` and
         ``error`` where there are any, ``directory``. ``to_csv`` writes it to a file;
         :func:`latex` makes a table for an article of it.
+
+    Raises
+    ------
+    CaseError
+        Before the first run, if no combination is a case: what is wrong with the first one.
+    ValueError
+        If values are no list, for unknown `columns`, and for an unknown `mode`.
     """
-    if not vary or any(len(values) == 0 for values in vary.values()):
-        raise ValueError("vary: at least one key with at least one value expected")
+    points = combinations(vary)
+    refuse_unknown(columns)
+    if mode not in (None, *get_args(Mode)):
+        raise ValueError(f"mode = {mode!r}: one of {get_args(Mode)} expected")
     case = as_case(case)
+    refuse_all_wrong((case.replace(point) for point in points), program)
     rows = []
-    combinations = list(itertools.product(*vary.values()))
-    for number, values in enumerate(combinations, start=1):
-        point = dict(zip(vary, values, strict=True))
+    for number, point in enumerate(points, start=1):
         one = case.replace(point)
         place = Path(directory) / run_name(one, point, mode)
         before = written(place)
@@ -105,10 +135,51 @@ def sweep(
         rows.append({**row, "directory": str(place)})
         if progress:
             shown = " ".join(f"{key}={value}" for key, value in point.items())
-            print(f"[{number}/{len(combinations)}] {shown}: {said}", file=sys.stderr, flush=True)
+            print(f"[{number}/{len(points)}] {shown}: {said}", file=sys.stderr, flush=True)
     table = pd.DataFrame(rows)
     optional = [name for name in (*columns, "warnings", "error") if name not in vary]
     return table.drop(columns=[name for name in optional if table[name].isna().all()])
+
+
+def combinations(vary: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
+    """Return every combination of values by key; the last key varies fastest."""
+    lists = {}
+    for key, values in vary.items():
+        if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
+            kinds = {str: "a text", bytes: "bytes"}
+            found = kinds.get(type(values), "a table" if isinstance(values, Mapping) else "")
+            raise ValueError(f"{key}: a list of values expected, not {found or repr(values)}")
+        lists[key] = list(values)
+    if not lists or not all(lists.values()):
+        raise ValueError("vary: at least one key with at least one value expected")
+    return [dict(zip(lists, point, strict=True)) for point in itertools.product(*lists.values())]
+
+
+def refuse_unknown(columns: Sequence[str]) -> None:
+    """Raise `ValueError` for columns that no `summary.json` has."""
+    if isinstance(columns, str):
+        raise ValueError(f"columns: a list of entries of summary.json expected, not {columns!r}")
+    for name in columns:
+        first = name.split(".", 1)[0]
+        if first not in ENTRIES:
+            near = difflib.get_close_matches(first, ENTRIES, 1)
+            hint = f' (did you mean "{near[0]}"?)' if near else ""
+            raise ValueError(f"columns: summary.json has no entry {name}{hint}")
+
+
+def refuse_all_wrong(cases: Iterable[Case], program: StrPath | None) -> None:
+    """Raise the first case's `CaseError` if the program takes none of the cases."""
+    first: CaseError | None = None
+    for case in cases:
+        with warnings.catch_warnings(), case.arguments() as words:
+            warnings.simplefilter("ignore", PhasewarpWarning)
+            try:
+                call(["check", *words], program=program)
+                return
+            except CaseError as error:
+                first = first or error
+    if first is not None:
+        raise first
 
 
 def solve(case: Case, place: Path, **options: Any) -> Result | PhasewarpError:
