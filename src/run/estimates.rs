@@ -234,17 +234,15 @@ impl CoefficientSquares {
 }
 
 /// The expected square of the coefficients beyond the highest known one. `squares` are those of the
-/// known ones by rising degree. The result is `c_k² min(1, (r/r_front)²)²` with their ratio `r`,
-/// taken over two pairs if there are enough. Coefficients of even and odd functions alternate with
-/// zero: of four known ones the ratio is that over two degrees, and `c_k` is at least what the
-/// ratio makes of the coefficient before.
+/// known ones by rising degree. The result is `c_k² min(1, (r/r_front)²)²` with their ratio `r`.
+/// Coefficients of even and odd functions alternate with zero: of four known ones the ratio is that
+/// over two degrees, and `c_k` is at least what the ratio makes of the coefficient before.
 fn beyond(squares: &[f64]) -> f64 {
     let of_front = LEAST_RATIO_AT_FRONTS * LEAST_RATIO_AT_FRONTS;
     let [highest, ratio] = match *squares {
         [] | [_] => return 0.0,
         [_, b] => return RATIO_OF_DEGREE_1 * RATIO_OF_DEGREE_1 * b,
         [_, b, c] => [c, c / b],
-        [a, b, c] => [c, (b + c) / (a + b)],
         [.., z, a, b, c] => {
             let ratio = ((b + c) / (z + a)).sqrt();
             [c.max(ratio.min(1.0) * b), ratio]
