@@ -60,20 +60,26 @@ pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> R
     compute(world, case, Some(output))?.write_prepared(world, directory)
 }
 
-/// Whether `directory` holds the finished results of `case`; if so, what is left of its checkpoints
-/// is removed. Damaged results count as unfinished, and are reported. Collective.
+/// Whether `directory` holds the finished results of `case`. Damaged results count as unfinished,
+/// and are reported. Collective.
 pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
     let found = finished::is_finished(&world.group(), directory, case);
-    if world.group().rank() == 0 {
-        match &found {
-            Ok(true) => checkpointing::remove_rest(directory),
-            Ok(false) => {}
-            Err(damage) => report(&format!(
-                "warning: --resume: {damage}: the finished run is damaged and is computed anew"
-            )),
-        }
+    if let (Err(damage), true) = (&found, world.group().is_first()) {
+        report(&format!(
+            "warning: --resume: {damage}: the finished run is damaged and is computed anew"
+        ));
     }
     matches!(found, Ok(true))
+}
+
+/// As [`is_done`]. What a kill left of the checkpoints of a finished run is removed, unless another
+/// run is at work in the directory. Collective.
+pub fn is_done_and_tidy(world: &World, directory: &Path, case: &Case) -> bool {
+    let is_done = is_done(world, directory, case);
+    if is_done && world.group().is_first() {
+        checkpointing::remove_rest(directory);
+    }
+    is_done
 }
 
 /// Returns an error if the finished run of `case` in `directory` misses its goals and

@@ -36,6 +36,18 @@ impl DirectoryLock {
     /// [`crate::base::error::Error::Directory`] where the directory cannot be written, or is still
     /// locked after a few seconds.
     pub fn take(directory: &Path) -> Result<Self> {
+        Self::within(directory, LONGEST_WAIT)
+    }
+
+    /// Locks `directory` as [`take`](Self::take) does, unless it is locked now.
+    ///
+    /// # Errors
+    /// As [`take`](Self::take).
+    pub fn at_once(directory: &Path) -> Result<Self> {
+        Self::within(directory, Duration::ZERO)
+    }
+
+    fn within(directory: &Path, wait: Duration) -> Result<Self> {
         let failed = |e: std::io::Error| refused(directory, &e);
         std::fs::create_dir_all(directory).map_err(failed)?;
         let path = directory.join(NAME);
@@ -46,7 +58,7 @@ impl DirectoryLock {
                 Ok(()) if is_at(&file, &path) => None,
                 Err(TryLockError::Error(why)) => Some(why.to_string()),
                 // Locked by another run, or removed by its holder before this one got the lock.
-                _ if start.elapsed() < LONGEST_WAIT => {
+                _ if start.elapsed() < wait => {
                     std::thread::sleep(Duration::from_millis(50));
                     continue;
                 }

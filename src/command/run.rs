@@ -41,7 +41,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         Some(_) => given,
         None => on_its_grid(world, given, args, &directory)?,
     };
-    if args.resume && run::is_done(world, &directory, &case) {
+    if args.resume && run::is_done_and_tidy(world, &directory, &case) {
         let shown = directory.display();
         print(world, &format!("--resume: the run is finished; results in {shown}"));
         return run::refuse_missed(world, &directory, case.strict);

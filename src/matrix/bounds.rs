@@ -26,6 +26,7 @@ use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
 use std::collections::HashSet;
 use std::ops::Range;
+use std::sync::OnceLock;
 
 /// Kinds of cells are counted up to this number.
 pub const MOST_KINDS: usize = 4096;
@@ -96,10 +97,9 @@ pub struct Bounds {
     pub weighted: bool,
     /// Whether there may be inflow.
     pub inflow: bool,
-    /// Number of space cells in which every rank keeps `V` for the exact solution; 0 if none is
-    /// traced.
+    /// The value of [`traced_cells`](Self::traced_cells), once it was asked for.
     #[serde(skip)]
-    pub traced_cells: usize,
+    pub traced: OnceLock<usize>,
     /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
     /// is known.
     pub stages: usize,
@@ -204,10 +204,6 @@ impl Bounds {
         let inflow = case.embeds();
         let grows = jumps && !case.is_galerkin() && law_of(case.interface).may_grow();
         let growth = allowed_growth(case, grows);
-        let traced_cells = match case.exact {
-            Some(Exact::Characteristics) => traced_cells(case)?,
-            _ => 0,
-        };
         Ok(Self {
             rate,
             growth,
@@ -222,7 +218,7 @@ impl Bounds {
             },
             jumps,
             kinds: kinds.len(),
-            traced_cells,
+            traced: OnceLock::new(),
             stages: 0,
             assembled: None,
             weighted: grows && case.warp.weights && case.method == Method::Schrodingerized,
@@ -238,6 +234,15 @@ impl Bounds {
             growth: if self.growth.is_finite() { self.growth } else { 0.0 },
             decay: self.dissipation,
             ..self.clone()
+        }
+    }
+
+    /// Number of space cells in which every rank keeps `V` for the exact solution of `case`, to
+    /// which the bounds belong; 0 if none is traced.
+    pub fn traced_cells(&self, case: &Case) -> usize {
+        match case.exact {
+            Some(Exact::Characteristics) => *self.traced.get_or_init(|| traced_cells(case)),
+            _ => 0,
         }
     }
 
@@ -367,7 +372,7 @@ mod tests {
                 kinds: 1,
                 weighted: true,
                 inflow: false,
-                traced_cells: 0,
+                traced: OnceLock::new(),
                 stages: 0,
                 assembled: None,
             };

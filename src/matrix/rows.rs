@@ -8,8 +8,9 @@
 //! Rows of elements are gathered (`Rows::gathered`): the rows of an element's nodes along the first
 //! space axis form a line, whose couplings to each other are a dense block of `K`. A kernel reads
 //! the nodes of a line once for all of its rows. Of the other entries, those of `K` alone come
-//! first: the nodes of the same element along the other space axes. Couplings along velocity axes
-//! are those of `VelocityLines` and are not stored.
+//! first: those of the nodes of the same element along the other space axes, and those across faces
+//! of a central flux. Couplings along velocity axes are those of `VelocityLines` and are not
+//! stored.
 
 use crate::matrix::row_lines::{MOST_NODES, MatrixEntry, RowLines};
 use crate::matrix::velocity_lines::VelocityLines;
@@ -205,8 +206,8 @@ impl Rows {
         self.reach
     }
 
-    /// Fused multiply-adds of a Chebyshev step of one mode: two for an entry that only `K` has, four
-    /// for any other entry, and seven more for a row.
+    /// Fused multiply-adds of a Chebyshev step of one mode: two for an entry that only `K` has,
+    /// four for any other entry, and seven more for a row.
     pub fn multiply_adds(&self) -> usize {
         let of_row = |template: usize, i: usize| {
             let skew = self.skew.get(template).map_or(0, |&skew| skew as usize);
@@ -283,7 +284,8 @@ impl Rows {
             }
             let template = seen.get(&of_rows).copied().unwrap_or_else(|| {
                 let new = gathered.templates() as u32;
-                lines.rows(line).for_each(|i| gathered.push_gathered(i, self.row(i)));
+                let rows = self.len();
+                lines.rows(line).for_each(|i| gathered.push_gathered(i, rows, self.row(i)));
                 if seen.len() == REMEMBERED {
                     seen.clear();
                 }
@@ -300,8 +302,14 @@ impl Rows {
         gathered
     }
 
-    /// Adds the template of row `i` with these `entries`.
-    fn push_gathered(&mut self, i: usize, entries: impl Iterator<Item = (usize, f64, f64)>) {
+    /// Adds the template of row `i` of `rows` with these `entries`. Ghosts are sorted like cells,
+    /// so that the order of a row's entries does not depend on how space is split.
+    fn push_gathered(
+        &mut self,
+        i: usize,
+        rows: usize,
+        entries: impl Iterator<Item = (usize, f64, f64)>,
+    ) {
         let RowLines { nodes, cells, .. } = self.lines;
         let begin = self.dense.len();
         self.dense.resize(begin + nodes, 0.0);
@@ -310,15 +318,17 @@ impl Rows {
         let mut others = Vec::new();
         for (column, s, k) in entries {
             let distance = (column as u32).wrapping_sub(i as u32);
-            let (other, node) = self.lines.line_and_node(column);
-            let of_cells = i < cells && column < cells;
-            if !of_cells || s.abs() > 4.0 * f64::EPSILON * k.abs() {
+            let is_auxiliary = i >= cells || (cells..rows).contains(&column);
+            if is_auxiliary || s.abs() > 4.0 * f64::EPSILON * k.abs() {
                 others.push((distance, [s, k]));
-            } else if other == line {
-                self.dense[begin + node] = k;
-            } else {
-                self.distances.push(distance);
-                self.values.push([0.0, k]);
+                continue;
+            }
+            match self.lines.line_and_node(column) {
+                (other, node) if other == line && column < cells => self.dense[begin + node] = k,
+                _ => {
+                    self.distances.push(distance);
+                    self.values.push([0.0, k]);
+                }
             }
         }
         self.skew.push((self.distances.len() - first) as u32);

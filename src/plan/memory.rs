@@ -399,7 +399,7 @@ impl<'a> FullestRank<'a> {
         let earlier = if case.has_exact_history() { case.shown_times().count() } else { 0 };
         let times = 1 + earlier as u64;
         let moments = 8 * self.moments_of_a_point() * times * space_cells;
-        let traced = 80 * self.bounds.traced_cells as u64;
+        let traced = 80 * self.bounds.traced_cells(case) as u64;
         Some(NamedBytes::new("exact solution", values + traced + moments))
     }
 

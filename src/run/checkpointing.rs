@@ -1,6 +1,7 @@
 //! The checkpoints of a run: where they are, and the one that it continues from.
 
 use crate::base::error::{Error, Result};
+use crate::base::lock::DirectoryLock;
 use crate::base::log::report;
 use crate::run::log::RunLog;
 use crate::run::options::Output;
@@ -75,11 +76,14 @@ impl Checkpointing {
     }
 }
 
-/// Deletes what a run that was killed as it ended left of its checkpoints in `results`. Other files
-/// stay, and a symbolic link is not followed. On rank 0.
+/// Deletes what a finished run that was killed as it ended left of its checkpoints in `results`.
+/// Other files stay, a symbolic link is not followed, and nothing is done while another run has
+/// locked the directory. On one rank.
 pub(crate) fn remove_rest(results: &Path) {
     let folder = results.join("checkpoint");
-    if refuse_link(&folder).is_ok()
+    if folder.is_dir()
+        && refuse_link(&folder).is_ok()
+        && let Ok(_lock) = DirectoryLock::at_once(results)
         && let Err(error) = remove_all(&folder)
         && error.kind() != ErrorKind::DirectoryNotEmpty
     {

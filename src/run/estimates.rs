@@ -234,8 +234,10 @@ impl CoefficientSquares {
 }
 
 /// The expected square of the coefficients beyond the highest known one. `squares` are those of the
-/// known ones by rising degree. The result is `c_k² min(1, (r/r_front)²)²` with their ratio `r`.
-/// Coefficients of even and odd functions alternate with zero: of four known ones the ratio is that
+/// known ones by rising degree. The result is `c_k² min(1, (r/r_front)²)²` with their ratio `r`, to
+/// which the mean does not belong.
+///
+/// Coefficients of even and odd functions alternate with zero. From degree 4 on the ratio is that
 /// over two degrees, and `c_k` is at least what the ratio makes of the coefficient before.
 fn beyond(squares: &[f64]) -> f64 {
     let of_front = LEAST_RATIO_AT_FRONTS * LEAST_RATIO_AT_FRONTS;
@@ -243,6 +245,7 @@ fn beyond(squares: &[f64]) -> f64 {
         [] | [_] => return 0.0,
         [_, b] => return RATIO_OF_DEGREE_1 * RATIO_OF_DEGREE_1 * b,
         [_, b, c] => [c, c / b],
+        [_, a, b, c] => [c, (b + c) / (a + b)],
         [.., z, a, b, c] => {
             let ratio = ((b + c) / (z + a)).sqrt();
             [c.max(ratio.min(1.0) * b), ratio]
@@ -272,4 +275,37 @@ fn by_coefficients(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
     let density: Vec<f64> = factors.at_points(f).map(|sums| sums[0]).collect();
     let of_density = of(&PhaseSpace { v: Vec::new(), ..space.clone() }, &density);
     [field, of_density]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean says nothing about what is beyond.
+    #[test]
+    fn means_do_not_change_what_is_beyond() {
+        for degree in 1..=8 {
+            let squares = |mean: f64| -> Vec<f64> {
+                (0..=degree).map(|j| if j == 0 { mean } else { 1.0 / f64::from(j) }).collect()
+            };
+            assert_eq!(beyond(&squares(0.0)), beyond(&squares(25.0)), "degree {degree}");
+            assert!(beyond(&squares(1.0)) > 0.0);
+        }
+    }
+
+    /// From degree 4 on, an even or odd function has as much beyond an element's degree as one
+    /// whose coefficients fall like its own that are not zero.
+    #[test]
+    fn even_and_odd_functions_have_a_rest() {
+        for degree in 4..=8 {
+            for parity in 0..2 {
+                let fall = |j: i32| 0.1f64.powi(j);
+                let alternating: Vec<f64> =
+                    (0..=degree).map(|j| if j % 2 == parity { fall(j) } else { 0.0 }).collect();
+                let all: Vec<f64> = (0..=degree).map(fall).collect();
+                let ratio = beyond(&alternating) / beyond(&all);
+                assert!((0.3..=3.0).contains(&ratio), "degree {degree}, {parity}: {ratio}");
+            }
+        }
+    }
 }

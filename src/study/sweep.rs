@@ -254,7 +254,7 @@ impl Sweep {
     /// finished it. Collective.
     fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<Option<f64>> {
         let case = self.case(run)?;
-        if run::is_done(world, &run.directory, &case) {
+        if run::is_done_and_tidy(world, &run.directory, &case) {
             return Ok(None);
         }
         if world.group().is_first() {

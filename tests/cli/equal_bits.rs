@@ -398,6 +398,31 @@ fn same_bits_with_slopes_of_both_kinds() {
     });
 }
 
+/// With a central flux, `K` alone couples elements across faces, also across those between ranks,
+/// one of which has a jump of `V`.
+#[test]
+fn same_bits_of_elements_with_a_central_flux() {
+    let flux = "scheme.flux=0";
+    same_bits_everywhere(&Scene {
+        name: "step_up.toml",
+        settings: &[
+            "axis.0.x.cells=12", "axis.0.v.cells=6", "scheme.degree=3", flux, "time.end=0.4",
+            "solver.tolerance=1e-3",
+        ],
+        axes: 1,
+        datasets: &["/f", "/density"],
+    });
+    same_bits_everywhere(&Scene {
+        name: "barrier2d.toml",
+        settings: &[
+            "axis.0.x.cells=6", "axis.1.x.cells=5", "axis.0.v.cells=4", "axis.1.v.cells=2",
+            "scheme.degree=1", flux, "time.end=0.3", "solver.tolerance=1e-2", "exact={}",
+        ],
+        axes: 2,
+        datasets: &["/f", "/density"],
+    });
+}
+
 /// Elements whose degrees differ from axis to axis, also with degree 0, and partial reflection.
 #[test]
 fn same_bits_of_elements() {

@@ -216,8 +216,8 @@ impl FaultKind {
     }
 }
 
-/// Whether mpirun ended without starting the program: a signal to a child of it that was not yet the
-/// program ended that child.
+/// Whether mpirun ended without starting the program: a signal to a child of it that was not yet
+/// the program ended that child.
 fn launch_failed(faulty: &Faulty) -> bool {
     let Finished { shell_code, output, errors, .. } = &faulty.finished;
     *shell_code == 1 && output.is_empty() && errors.is_empty()

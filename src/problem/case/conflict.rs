@@ -36,7 +36,7 @@ impl Case {
         if self.is_closed() && matches!(self.data, Data::Measure { .. }) {
             return Some(Conflict::new(
                 "scheme.ends",
-                "level sets of measure-valued data have values at the ends, through which they enter",
+                "level sets of measure-valued data enter through the ends",
                 ": choose \"open\"",
             ));
         }

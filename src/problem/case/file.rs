@@ -48,7 +48,7 @@ fn hint(text: &str, place: usize) -> &'static str {
     let value = line.split_once('=').map_or("", |(_, value)| value.trim());
     let is_number = |text: &str| text.parse::<f64>().is_ok();
     let digit = |byte: &u8| byte.is_ascii_digit();
-    let has_comma = !line.contains('[')
+    let has_comma = !line.contains(['[', '"', '\''])
         && line.as_bytes().windows(3).any(|w| digit(&w[0]) && w[1] == b',' && digit(&w[2]));
     if line.starts_with("[potential]") {
         "; each region of V begins with [[potential]]"

@@ -38,9 +38,9 @@ pub const ROUND: usize = 1 << 15;
 /// Most halvings of a box along an axis, by the number of dimensions. In one dimension tears are
 /// located to round-off.
 const FINEST: [i32; MAX_DIMENSION] = [45, 5, 3];
-/// Boxes that were halved more often, at a tear, are no part of the curve in one dimension: their
+/// Boxes that were halved more often at a tear are no part of the curve in one dimension: their
 /// images are so short that round-off would decide their density.
-const FINEST_DRAWN: i32 = 18;
+const MOST_TEARS: i32 = 18;
 /// A box whose image bends by more than this fraction of a cell is halved.
 const BENDING: f64 = 0.01;
 /// A box whose density deviates from a linear one by more than this fraction is halved.
@@ -77,6 +77,8 @@ struct ParameterBox {
     half: [f64; MAX_DIMENSION],
     /// Halvings along each axis.
     depth: [i32; MAX_DIMENSION],
+    /// Halvings because particles took different branches.
+    tears: i32,
 }
 
 /// A particle of a sheet at the time `T`.
@@ -303,6 +305,7 @@ impl<'a> Sheets<'a> {
             centre: [0.0; MAX_DIMENSION],
             half: [0.0; MAX_DIMENSION],
             depth: [0; MAX_DIMENSION],
+            tears: 0,
         };
         let mut rest = self.number;
         for a in (0..n).rev() {
@@ -406,6 +409,7 @@ impl<'a> Sheets<'a> {
                 part.half[a] *= 0.5;
                 part.centre[a] += sign * part.half[a];
                 part.depth[a] += 1;
+                part.tears += i32::from(!whole);
                 self.follow(sheet, part);
             }
         } else if stays {
@@ -469,7 +473,7 @@ impl<'a> Sheets<'a> {
         let half = shape.half();
         let mass = shape.density * volume;
         self.deposit(mass, &shape.middle, &half);
-        if n == 1 && piece.depth[0] <= FINEST_DRAWN {
+        if n == 1 && piece.tears <= MOST_TEARS {
             let history = centre.followed.history;
             let ends = [corners[0].followed.point, corners[1].followed.point];
             let (number, density) = (self.number, mass / (2.0 * half[0]));

@@ -66,26 +66,30 @@ const ENOUGH_CELLS: usize = 512;
 /// two reasons: if `V` is curved in an element, into as many as `most` space cells allow; and if an
 /// edge of a region lies inside of an element, so that it comes to lie on a face.
 pub(super) fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
-    Ok(cut_elements(case, most, is_curved(case)?))
+    Ok(cut_elements(case, &region_edges(case), most, is_curved(case)?))
 }
 
-/// Number of space cells in which [`Tracer::new`](super::Tracer::new) keeps `V`, without an
-/// evaluation of `V` on a large grid.
-///
-/// # Errors
-/// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
-pub fn traced_cells(case: &Case) -> Result<usize> {
-    /// Elements along an axis in which curvature is looked for.
-    const SAMPLED: usize = 64;
+/// Number of space cells in which [`Tracer::new`](super::Tracer::new) keeps `V`, from a sample of
+/// elements: up to 64 along an axis in one and two dimensions, up to 16 in three.
+pub fn traced_cells(case: &Case) -> usize {
+    const SAMPLED: [usize; MAX_DIMENSION] = [64, 64, 16];
     let mut sample = case.clone();
+    let most = SAMPLED[case.space.dimension() - 1];
     for axis in &mut sample.space.x {
-        axis.cells = axis.elements().min(SAMPLED) * axis.nodes.count();
+        axis.cells = axis.elements().min(most) * axis.nodes.count();
     }
-    Ok(cut_elements(case, MOST_TRACED_CELLS, is_curved(&sample)?).space_cells())
+    // Where V of the sample is not finite, that of the case may be.
+    let is_curved = is_curved(&sample).unwrap_or(true);
+    cut_elements(case, &region_edges(&sample), MOST_TRACED_CELLS, is_curved).space_cells()
 }
 
-/// The elements of the case, cut into parts.
-fn cut_elements(case: &Case, most: usize, is_curved: bool) -> PhaseSpace {
+/// The elements of the case, cut into parts. `edges` are those of the regions, by axis.
+fn cut_elements(
+    case: &Case,
+    edges: &[Option<Vec<f64>>],
+    most: usize,
+    is_curved: bool,
+) -> PhaseSpace {
     let mut space = case.space.by_elements();
     let (n, cells) = (space.dimension(), space.space_cells());
     let room = |most: usize| {
@@ -93,7 +97,7 @@ fn cut_elements(case: &Case, most: usize, is_curved: bool) -> PhaseSpace {
         (parts as usize).clamp(1, MOST_PARTS)
     };
     let enough = room(most);
-    for (axis, edges) in space.x.iter_mut().zip(region_edges(case)) {
+    for (axis, edges) in space.x.iter_mut().zip(edges) {
         let least = match (is_curved, case.space.degree()) {
             (false, _) => 1,
             (true, 0) if n == MAX_DIMENSION => 1,
@@ -104,7 +108,7 @@ fn cut_elements(case: &Case, most: usize, is_curved: bool) -> PhaseSpace {
             1 => MOST_CELLS_IN_LINE / axis.cells,
             _ => room(MOST_TRACED_CELLS),
         };
-        let parts = with_edges(axis, &edges.unwrap_or_default(), least, most);
+        let parts = with_edges(axis, edges.as_deref().unwrap_or_default(), least, most);
         if parts > 1 {
             *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
         }

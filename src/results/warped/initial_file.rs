@@ -43,8 +43,8 @@ pub struct ReadField {
     pub unevenness: f64,
 }
 
-/// The interval in `p` on which `e^p w` must be flat: the domain of dependence of the reading. It may
-/// go beyond the points of a file, where the field is periodic.
+/// The interval in `p` on which `e^p w` must be flat: the domain of dependence of the reading. It
+/// may go beyond the points of a file, where the field is periodic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReadingDomain {
     /// The recovery point `p◇`.
@@ -67,15 +67,15 @@ impl ReadingDomain {
 /// points. Beyond the ends of the file the field is periodic. There at most one more period on
 /// either side is compared: further ones have the same values.
 struct Flatness {
-    /// Number of the first place of the domain. Place `k` is `L + kh/2` with the step `h`: even
-    /// ones are points of the file, odd ones lie between.
-    first: i64,
+    /// Places of the domain in the file. Place `k` is `L + kh/2` with the step `h`: even ones are
+    /// points of the file, odd ones lie between.
+    places: Vec<usize>,
     /// The factor `e^{p◇}`.
     amplification: f64,
     /// `e^{−p}` at the places of the domain.
     decay: Vec<f64>,
-    /// Number of the place of the point next to `p◇`.
-    reference: i64,
+    /// Number in these lists of the point next to `p◇`.
+    reference: usize,
     /// The largest distance so far.
     distance: f64,
     /// The largest `|u|` so far.
@@ -96,10 +96,10 @@ impl Flatness {
         let last = ((place(domain.ends[1]) + slack).floor() as i64).min(2 * period - 1);
         let (first, last) = (first.min(reference.min(between)), last.max(reference.max(between)));
         Self {
-            first,
+            places: (first..=last).map(|k| k.rem_euclid(period) as usize).collect(),
             amplification: domain.point.exp(),
             decay: (first..=last).map(|k| (-(interval[0] + half * k as f64)).exp()).collect(),
-            reference,
+            reference: (reference - first) as usize,
             distance: 0.0,
             largest: 0.0,
         }
@@ -107,14 +107,14 @@ impl Flatness {
 
     /// Adds a cell: its values at all points, and half a step after each.
     fn add(&mut self, values: &[f64], between: &[f64]) {
-        let at = |k: i64| {
-            let place = k.rem_euclid(2 * values.len() as i64) as usize;
-            if place.is_multiple_of(2) { values[place / 2] } else { between[place / 2] }
+        let at = |place: usize| match place.is_multiple_of(2) {
+            true => values[place / 2],
+            false => between[place / 2],
         };
-        let u = at(self.reference) / self.decay[(self.reference - self.first) as usize];
+        let u = at(self.places[self.reference]) / self.decay[self.reference];
         self.largest = self.largest.max(u.abs());
-        for (k, decay) in (self.first..).zip(&self.decay) {
-            self.distance = self.distance.max(self.amplification * (at(k) - decay * u).abs());
+        for (place, decay) in self.places.iter().zip(&self.decay) {
+            self.distance = self.distance.max(self.amplification * (at(*place) - decay * u).abs());
         }
     }
 }

@@ -102,6 +102,8 @@ const ACROSS: usize = 2;
 const BENT_CELL: f64 = 5e-3;
 /// Least number of positions that such a cell may take, and largest.
 const POSITIONS: [usize; 2] = [12, 64];
+/// One in so many cells is expected to be cut.
+const BENT_CELLS: usize = 10;
 /// A face is approached up to this part of a cell, as the exact density may jump there.
 const BEFORE_FACE: f64 = 1e-9;
 /// Tolerance of the integrals with which sums over the grid are compared, as a part of the usual
@@ -237,7 +239,10 @@ fn add(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64)
 /// Number of points that the averages over the cells of `case` begin with, as a float: it may
 /// exceed every integer.
 pub fn first_points(case: &Case) -> f64 {
-    let positions = case.space.x.iter().map(|axis| (points_across(case) * axis.cells) as f64);
+    // In one dimension with one face of each cell.
+    let faces = usize::from(case.space.dimension() == 1 && case.space.x[0].nodes.degree == 0);
+    let positions =
+        case.space.x.iter().map(|axis| ((points_across(case) + faces) * axis.cells) as f64);
     positions.product::<f64>() * points_of(&panels_of(case)) as f64
 }
 
@@ -396,8 +401,8 @@ impl<'a> VelocityIntegrals<'a> {
         let average = |&[j, ..]: &[usize; MAX_DIMENSION]| {
             let faces = [j, j + 1].map(|j| axis.face(j as i64));
             let lower = known.filter(|(i, _)| *i == j).map_or_else(|| at(faces[0]), |(_, f)| f);
-            let upper = at(faces[1]);
-            known = Some((j + 1, upper));
+            let beyond = at(faces[1]);
+            known = Some((j + 1, beyond));
             let points: Vec<(f64, VelocityIntegral)> =
                 rule.iter().map(|p| (p.node, at(axis.at(j as i64, p.node)))).collect();
             let [(a, first), (b, last)] = points[..] else {
@@ -405,11 +410,18 @@ impl<'a> VelocityIntegrals<'a> {
             };
             let [at_first, at_last] = [first.moments[0], last.moments[0]];
             let line = |node: f64| at_first + (at_last - at_first) * (node - a) / (b - a);
-            let bend = [(lower, -1.0), (upper, 1.0)]
-                .map(|(found, node)| (found.moments[0] - line(node)).abs());
-            let allowed = BENT_CELL * self.tolerance / EFFORTS[0].tolerance;
-            if bend[0].max(bend[1]) > allowed {
-                return self.over_cell(faces, lower);
+            // Where the density is undefined on a face, that says nothing about the cell.
+            let is_bent = |found: &VelocityIntegral, node: f64| {
+                (found.moments[0] - line(node)).abs()
+                    > BENT_CELL * self.tolerance / EFFORTS[0].tolerance
+            };
+            // Behind the upper face the density may be another one.
+            let before = || at(faces[1] - BEFORE_FACE * (faces[1] - faces[0]));
+            if is_bent(&lower, -1.0) || (is_bent(&beyond, 1.0) && is_bent(&before(), 1.0)) {
+                let found = self.over_cell(faces);
+                if found.moments[0].is_finite() {
+                    return found;
+                }
             }
             let mut mean = VelocityIntegral::default();
             points.iter().zip(&rule).for_each(|((_, f), p)| mean.add(0.5 * p.weight, f));
@@ -418,18 +430,16 @@ impl<'a> VelocityIntegrals<'a> {
         cells.iter().map(average).collect()
     }
 
-    /// The average over the interval between `faces`, by subdivision of panels. `first` is the
-    /// integral at the lower face.
-    fn over_cell(&self, faces: [f64; 2], first: VelocityIntegral) -> VelocityIntegral {
+    /// The average over the interval between `faces`, by subdivision of panels.
+    fn over_cell(&self, faces: [f64; 2]) -> VelocityIntegral {
         let [lower, upper] = faces;
         let whole = upper - lower;
-        let at = |x: f64| self.at(&[x.min(upper - BEFORE_FACE * whole), 0.0, 0.0]);
-        let step = 0.25 * whole;
-        let values = [1, 2, 3, 4].map(|k| at(lower + f64::from(k) * step));
-        let values = [first, values[0], values[1], values[2], values[3]];
+        let inside = BEFORE_FACE * whole;
+        let at = |x: f64| self.at(&[x.clamp(lower + inside, upper - inside), 0.0, 0.0]);
+        let values = std::array::from_fn(|k| at(lower + 0.25 * whole * k as f64));
         let mut panels = vec![CellPanel { lower, upper, values }];
         let share = allowance(self.space) / (self.space.x[0].cells * points_of(&self.panels));
-        let most = share.clamp(POSITIONS[0], POSITIONS[1]);
+        let most = (BENT_CELLS * share).clamp(POSITIONS[0], POSITIONS[1]);
         let mut used = POINTS - 1;
         while used + POINTS - 1 <= most {
             let part = |panel: &CellPanel| panel.error() * panel.width() / whole;
