@@ -47,6 +47,10 @@ pub fn program_file_bytes(ranks: usize) -> u64 {
 /// are written.
 const TIME_BYTES: u64 = 5 << 9;
 
+/// Bytes of a cell in which the exact solution traces `V`: slopes, jumps and distances, and what it
+/// takes to find them. Measured on 960² and 1024² cells.
+const TRACED_CELL_BYTES: u64 = 76;
+
 /// Bytes of a rank's buffers, unless one cell takes more.
 pub const BUFFERS: u64 = 16 << 20;
 
@@ -399,7 +403,7 @@ impl<'a> FullestRank<'a> {
         let earlier = if case.has_exact_history() { case.shown_times().count() } else { 0 };
         let times = 1 + earlier as u64;
         let moments = 8 * self.moments_of_a_point() * times * space_cells;
-        let traced = 80 * self.bounds.traced_cells(case) as u64;
+        let traced = TRACED_CELL_BYTES * self.bounds.traced_cells(case) as u64;
         Some(NamedBytes::new("exact solution", values + traced + moments))
     }
 

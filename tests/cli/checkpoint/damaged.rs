@@ -186,7 +186,9 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
     let field = |name: &str, settings: &[&str]| {
         let place = files.path().join(name);
         let job = Job::new(["run", &case("example1.toml"), "--mode", "full"]).set(&grid);
-        let job = job.set(&["solver.warp.profile=exponential", "time.end=0.1"]);
+        // The run that starts from it takes longer, and needs a longer period.
+        let profile = ["solver.warp.profile=exponential", "solver.warp.interval=[-4,28]"];
+        let job = job.set(&profile).set(&["time.end=0.1"]);
         job.set(settings).on(2).solve(&place).expect("a warped field");
         place.join("warped_f.h5")
     };

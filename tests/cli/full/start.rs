@@ -222,7 +222,7 @@ fn a_start_that_oscillates_between_its_points_is_refused() {
     let rows = [
         (long, 192, 1, ["e-2 of"; 2]),
         (long, 192, 8, ["e0 of"; 2]),
-        (long, 768, 8, ["e-2 of"; 2]),
+        (long, 768, 8, ["e-1 of"; 2]),
         ([-4.0, 4.0], 512, 1, ["e0 of", repeated]),
     ];
     for (interval, points, recovery, printed) in rows {
