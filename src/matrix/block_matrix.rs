@@ -3,8 +3,8 @@
 //!
 //! `S` and `K` share one sparsity pattern: an entry has a local column, `s` and `k`. The rows of
 //! `Aᵀ` need rows of ghosts, which are evaluated on this rank, so that assembly needs no
-//! communication. Entries of a row are in the order of their global columns, those of gathered rows
-//! without `s` first, so that sums have the same bits on any partition.
+//! communication. Entries of a row are in the order of their global columns, so that sums have the
+//! same bits on any partition.
 //!
 //! Unknowns of a rank: its cells, then its auxiliary unknowns (see [`crate::matrix::embedding`]),
 //! then its ghosts.

@@ -63,13 +63,6 @@ impl<V: Vector> KernelConstants<V> {
     }
 }
 
-/// The element of `x` for a column of the rows.
-#[inline(always)]
-fn in_column(x: &[Lanes], column: usize) -> &Lanes {
-    // SAFETY: every column is below the reach of the rows, which `x` has, as `step_lines` asserts.
-    unsafe { x.get_unchecked(column) }
-}
-
 /// Partial sums of `S x` and `K x` of a row, real and imaginary parts.
 #[derive(Clone, Copy)]
 struct Products<V> {
@@ -78,36 +71,18 @@ struct Products<V> {
 }
 
 impl<V: Vector> Products<V> {
-    /// Adds the entries of row `i`, which is a line by itself.
-    #[inline(always)]
-    fn add_row(&mut self, rows: RowSlices<'_>, template: usize, i: usize, x: &[Lanes]) {
-        for (column, s, k) in rows.others(template, i) {
-            self.add_entry(s, k, in_column(x, column));
-        }
-    }
-
-    /// Adds the entries of row `i` but those of the nodes of its line, which has several.
+    /// Adds the entries of row `i` but those of the nodes of its line.
     #[inline(always)]
     fn add_others(&mut self, rows: RowSlices<'_>, template: usize, i: usize, x: &[Lanes]) {
-        let (skew, others) = rows.skew_and_others(template, i);
-        for (column, k) in skew {
-            let (value, k): ([V; 2], V) = (in_column(x, column).load(), V::splat(k));
+        for (column, s, k) in rows.others(template, i) {
+            // SAFETY: every column is below the reach of the rows, which `x` has, as `step_lines`
+            // asserts.
+            let value = unsafe { x.get_unchecked(column) }.load();
+            let (s, k) = (V::splat(s), V::splat(k));
             for part in 0..2 {
+                self.s[part] = self.s[part].add_product(s, value[part]);
                 self.k[part] = self.k[part].add_product(k, value[part]);
             }
-        }
-        for (column, s, k) in others {
-            self.add_entry(s, k, in_column(x, column));
-        }
-    }
-
-    #[inline(always)]
-    fn add_entry(&mut self, s: f64, k: f64, value: &Lanes) {
-        let value: [V; 2] = value.load();
-        let (s, k) = (V::splat(s), V::splat(k));
-        for part in 0..2 {
-            self.s[part] = self.s[part].add_product(s, value[part]);
-            self.k[part] = self.k[part].add_product(k, value[part]);
         }
     }
 
@@ -149,7 +124,7 @@ fn step_rows<V: Vector, R: StartRow>(
     for (i, ((out, own), template)) in numbers.zip(pairs) {
         let zero = [V::splat(0.0); 2];
         let mut products = Products { s: zero, k: zero };
-        products.add_row(rows, *template as usize, i, x);
+        products.add_others(rows, *template as usize, i, x);
         let new = products.finish(constants, own.load(), out.load());
         out.store(R::add(start, i, constants.coefficient, new));
     }

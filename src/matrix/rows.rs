@@ -7,18 +7,17 @@
 //!
 //! Rows of elements are gathered (`Rows::gathered`): the rows of an element's nodes along the first
 //! space axis form a line, whose couplings to each other are a dense block of `K`. A kernel reads
-//! the nodes of a line once for all of its rows. Of the other entries, those of `K` alone come
-//! first: those of the nodes of the same element along the other space axes, and those across faces
-//! of a central flux. Couplings along velocity axes are those of `VelocityLines` and are not
-//! stored.
+//! the nodes of a line once for all of its rows. Couplings along velocity axes are those of
+//! `VelocityLines` and are not stored.
 
 use crate::matrix::row_lines::{MOST_NODES, MatrixEntry, RowLines};
 use crate::matrix::velocity_lines::VelocityLines;
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
-use std::ops::Range;
 
 /// Rows in order, gathered into lines: of one row each, or of the rows of an element's nodes.
+/// Gathering keeps the order of a row's entries, and so the bits of products, but for couplings
+/// along velocity axes, which are summed by themselves.
 #[derive(Clone, Debug)]
 pub struct Rows {
     /// The lines that the rows of cells are gathered into.
@@ -30,9 +29,6 @@ pub struct Rows {
     dense: Vec<f64>,
     /// Entries `offsets[t]..offsets[t + 1]` are the other entries of template `t`.
     offsets: Vec<usize>,
-    /// Number of the first of these entries that have `s = 0`, by template; empty if a line is one
-    /// row.
-    skew: Vec<u32>,
     /// Column minus row, modulo 2³².
     distances: Vec<u32>,
     /// `[s, k]`.
@@ -55,7 +51,6 @@ pub(crate) struct RowSlices<'a> {
     pub template: &'a [u32],
     dense: &'a [f64],
     offsets: &'a [usize],
-    skew: &'a [u32],
     distances: &'a [u32],
     values: &'a [[f64; 2]],
 }
@@ -71,31 +66,7 @@ impl<'a> RowSlices<'a> {
     /// As [`Rows::others`].
     #[inline(always)]
     pub fn others(self, template: usize, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
-        self.entries(self.offsets[template]..self.offsets[template + 1], i)
-    }
-
-    /// The entries of a template of gathered rows as [`Rows::others`], those with `s = 0` by
-    /// themselves: `(column, k)`, then `(column, s, k)`.
-    #[inline(always)]
-    pub fn skew_and_others(
-        self,
-        template: usize,
-        i: usize,
-    ) -> (impl Iterator<Item = (usize, f64)> + 'a, impl Iterator<Item = (usize, f64, f64)> + 'a)
-    {
-        let (begin, end) = (self.offsets[template], self.offsets[template + 1]);
-        let middle = begin + self.skew[template] as usize;
-        let skew = self.entries(begin..middle, i).map(|(column, _, k)| (column, k));
-        (skew, self.entries(middle..end, i))
-    }
-
-    /// Some entries, with the columns for row `i`.
-    #[inline(always)]
-    fn entries(
-        self,
-        range: Range<usize>,
-        i: usize,
-    ) -> impl Iterator<Item = (usize, f64, f64)> + 'a {
+        let range = self.offsets[template]..self.offsets[template + 1];
         let entries = self.distances[range.clone()].iter().zip(&self.values[range]);
         entries.map(move |(distance, [s, k])| ((i as u32).wrapping_add(*distance) as usize, *s, *k))
     }
@@ -125,8 +96,7 @@ impl Rows {
     /// Bytes of the rows.
     pub fn bytes(&self) -> usize {
         let entries = 20 * self.distances.len() + 8 * self.dense.len();
-        let of_templates = 8 * self.offsets.len() + 4 * self.skew.len();
-        let stored = 4 * self.template.len() + of_templates + entries;
+        let stored = 4 * self.template.len() + 8 * self.offsets.len() + entries;
         stored + self.velocity_lines.bytes()
     }
 
@@ -195,7 +165,6 @@ impl Rows {
             template: &self.template,
             dense: &self.dense,
             offsets: &self.offsets,
-            skew: &self.skew,
             distances: &self.distances,
             values: &self.values,
         }
@@ -206,13 +175,11 @@ impl Rows {
         self.reach
     }
 
-    /// Fused multiply-adds of a Chebyshev step of one mode: two for an entry that only `K` has,
-    /// four for any other entry, and seven more for a row.
+    /// Fused multiply-adds of a Chebyshev step of one mode: two for an entry at a node of its line,
+    /// which only `K` has, four for any other entry, and seven more for a row.
     pub fn multiply_adds(&self) -> usize {
         let of_row = |template: usize, i: usize| {
-            let skew = self.skew.get(template).map_or(0, |&skew| skew as usize);
-            let others = self.others(template, i).count() - skew;
-            7 + 2 * (self.dense_row(template).len() + skew) + 4 * others
+            7 + 2 * self.dense_row(template).len() + 4 * self.others(template, i).count()
         };
         let of_line = |line: usize| {
             let rows = self.lines.rows(line).enumerate();
@@ -253,9 +220,9 @@ impl Rows {
     }
 
     /// Rows that are not gathered yet, gathered into `lines`, with the couplings of
-    /// `velocity_lines` taken out of their entries. Couplings between cells whose `s` is only
-    /// round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an element is skew
-    /// but for its ends.
+    /// `velocity_lines` taken out of their entries. Couplings between the nodes of a line whose `s`
+    /// is only round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an element
+    /// is skew but for its ends.
     pub(crate) fn gathered(&self, lines: RowLines, velocity_lines: VelocityLines) -> Self {
         if !velocity_lines.is_empty() {
             let unforced = |i: usize| velocity_lines.forced_at(i).next().is_none();
@@ -268,7 +235,6 @@ impl Rows {
             template: Vec::with_capacity(lines.of_cells() + self.len() - lines.cells),
             dense: Vec::new(),
             offsets: vec![0],
-            skew: Vec::new(),
             distances: Vec::new(),
             values: Vec::new(),
             velocity_lines,
@@ -284,8 +250,7 @@ impl Rows {
             }
             let template = seen.get(&of_rows).copied().unwrap_or_else(|| {
                 let new = gathered.templates() as u32;
-                let rows = self.len();
-                lines.rows(line).for_each(|i| gathered.push_gathered(i, rows, self.row(i)));
+                lines.rows(line).for_each(|i| gathered.push_gathered(i, self.row(i)));
                 if seen.len() == REMEMBERED {
                     seen.clear();
                 }
@@ -296,45 +261,26 @@ impl Rows {
         }
         gathered.dense.shrink_to_fit();
         gathered.offsets.shrink_to_fit();
-        gathered.skew.shrink_to_fit();
         gathered.distances.shrink_to_fit();
         gathered.values.shrink_to_fit();
         gathered
     }
 
-    /// Adds the template of row `i` of `rows` with these `entries`. Ghosts are sorted like cells,
-    /// so that the order of a row's entries does not depend on how space is split.
-    fn push_gathered(
-        &mut self,
-        i: usize,
-        rows: usize,
-        entries: impl Iterator<Item = (usize, f64, f64)>,
-    ) {
+    /// Adds the template of row `i` with these `entries`.
+    fn push_gathered(&mut self, i: usize, entries: impl Iterator<Item = (usize, f64, f64)>) {
         let RowLines { nodes, cells, .. } = self.lines;
         let begin = self.dense.len();
         self.dense.resize(begin + nodes, 0.0);
         let (line, _) = self.lines.line_and_node(i);
-        let first = self.distances.len();
-        let mut others = Vec::new();
         for (column, s, k) in entries {
-            let distance = (column as u32).wrapping_sub(i as u32);
-            let is_auxiliary = i >= cells || (cells..rows).contains(&column);
-            if is_auxiliary || s.abs() > 4.0 * f64::EPSILON * k.abs() {
-                others.push((distance, [s, k]));
-                continue;
+            let inside = i < cells && column < cells && s.abs() <= 4.0 * f64::EPSILON * k.abs();
+            let (other, node) = self.lines.line_and_node(column);
+            if inside && other == line {
+                self.dense[begin + node] = k;
+            } else {
+                self.distances.push((column as u32).wrapping_sub(i as u32));
+                self.values.push([s, k]);
             }
-            match self.lines.line_and_node(column) {
-                (other, node) if other == line && column < cells => self.dense[begin + node] = k,
-                _ => {
-                    self.distances.push(distance);
-                    self.values.push([0.0, k]);
-                }
-            }
-        }
-        self.skew.push((self.distances.len() - first) as u32);
-        for (distance, value) in others {
-            self.distances.push(distance);
-            self.values.push(value);
         }
         self.offsets.push(self.distances.len());
     }
@@ -374,7 +320,6 @@ impl RowsBuilder {
                 template: Vec::with_capacity(rows),
                 dense: Vec::new(),
                 offsets: vec![0],
-                skew: Vec::new(),
                 distances: Vec::new(),
                 values: Vec::new(),
                 velocity_lines: VelocityLines::default(),

@@ -162,21 +162,17 @@ impl Piece {
         assert_eq!(space.sum_count(self.matrix.counted_rows()), size);
         let mut s = vec![f64::NEG_INFINITY; size * size];
         let mut k = s.clone();
-        let lines = self.matrix.stored().lines();
-        let line = |i: usize| lines.line_and_node(i).0;
+        let line = |i: usize| self.matrix.stored().lines().line_and_node(i).0;
         let space_cell = |i: usize| i / self.matrix.block.velocity_cells;
         for i in 0..self.matrix.rows() {
-            // Gathered rows begin with the entries of their line of nodes, then come those of K
-            // alone, and at the end those along velocity axes, which no partition parts.
-            let gathered = lines.nodes > 1 && i < lines.cells;
+            // Gathered rows begin with the entries of their line of nodes, and end with those along
+            // velocity axes, which no partition parts.
             let mut last = None;
             for (column, es, ek) in self.matrix.row(i) {
                 let j = self.number[column];
                 if line(column) != line(i) && space_cell(column) != space_cell(i) {
-                    let auxiliary = (lines.cells..self.matrix.rows()).contains(&column);
-                    let place = Some((gathered && (auxiliary || es != 0.0), j));
-                    assert!(last < place, "{}: row {i} is not in order", twin.name);
-                    last = place;
+                    assert!(last < Some(j), "{}: row {i} is not in order", twin.name);
+                    last = Some(j);
                 }
                 let place = self.number[i] * size + j;
                 (s[place], k[place]) = (es, ek);
