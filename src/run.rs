@@ -28,6 +28,7 @@ pub mod planning;
 mod positive;
 mod readout;
 pub mod solution;
+mod solved;
 mod steps;
 mod summarise;
 mod unresolved;

@@ -129,6 +129,9 @@ mod tests {
         assert!(first.unlocked.is_none(), "{:?}", first.unlocked);
         let refusal = DirectoryLock::take(&directory).expect_err("locked").to_string();
         assert!(refusal.contains(first.text.trim()), "{refusal}");
+        let asked = Instant::now();
+        assert!(DirectoryLock::at_once(&directory).is_err());
+        assert!(asked.elapsed() < LONGEST_WAIT);
         drop(first);
         assert!(!directory.join(NAME).exists());
         // The lock of a killed process is free.

@@ -11,8 +11,8 @@ use crate::propagate::classical::{
 };
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
-use crate::run::fields::solved::SolvedFields;
 use crate::run::history::history;
+use crate::run::solved::SolvedFields;
 use crate::solve::prepared::Prepared;
 
 /// The integration of a state over a leg.

@@ -15,7 +15,7 @@ use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::dataset::PlateauPoint;
 use crate::results::summary::{ContinuedResult, FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
-use crate::run::fields::solved::SolvedFields;
+use crate::run::solved::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;

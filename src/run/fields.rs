@@ -1,12 +1,10 @@
 //! Solves the semi-discrete system, by modes or classically, for the fields at `T` and at the
 //! output times before.
 
-pub(crate) mod solved;
-
 use crate::base::error::Result;
 use crate::results::summary::Summary;
-use crate::run::fields::solved::SolvedFields;
 use crate::run::files::SolveOutput;
+use crate::run::solved::SolvedFields;
 use crate::run::{classical, modes};
 use crate::solve::prepared::Prepared;
 

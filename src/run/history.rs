@@ -4,7 +4,7 @@ use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors,
 use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, slices};
-use crate::run::fields::solved::EarlyStates;
+use crate::run::solved::EarlyStates;
 use crate::solve::prepared::Prepared;
 
 /// Moments and fields at the output times, from the states or sums recovered there,

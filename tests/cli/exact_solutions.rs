@@ -272,3 +272,17 @@ fn exact_densities_are_averages_over_cells_with_a_front() {
             .unwrap();
     }
 }
+
+/// A formula that is undefined on a face, x = 0, says nothing about the cells beside it.
+#[test]
+fn exact_densities_need_no_values_on_faces() {
+    let place = directory();
+    let exact = "exact.f='(sin(40*x)/x + 50)/90'";
+    let grid = ["axis.0.x.cells=8", "axis.0.x.lower=-1", "axis.0.x.upper=1", "axis.0.v.cells=8"];
+    let settings = ["exact={}", exact, "scheme.interface=conservative", "solver.tolerance=1e-2"];
+    let job = run("example1.toml").set(&grid).set(&settings);
+    let summary = job.solve(place.path()).unwrap();
+    let density = datasets(place.path()).unwrap()["/density_exact"].numbers();
+    assert!(density.iter().all(|density| density.is_finite()), "{density:?}");
+    assert!(summary.number("mass_exact").is_ok_and(f64::is_finite));
+}

@@ -21,6 +21,20 @@ fn slopes_are_refused_with_methods_that_need_a_matrix() {
     mistake.refused_by_reader().unwrap();
 }
 
+/// Closed ends are refused for what enters: a given inflow, and level sets, which always do.
+#[test]
+fn closed_ends_are_refused_where_something_enters() {
+    let rows = [
+        ("example1.toml", "inflow.value=1", "nothing enters through closed ends: leave inflow"),
+        ("example2.toml", "scheme.degree=2", "level sets of measure-valued data enter through"),
+        ("example2.toml", "inflow.value=0", "level sets of measure-valued data enter through"),
+    ];
+    check_all(&rows, |&(name, setting, wording)| {
+        let settings = ["scheme.ends=closed", "scheme.flux=0.5", setting];
+        Mistake::set(name, &settings, &["scheme.ends", wording]).refused_by_reader()
+    });
+}
+
 /// A text or a number instead of a table is refused with an example of the correct form.
 #[test]
 fn a_missing_table_is_refused_with_an_example() {

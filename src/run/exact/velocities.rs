@@ -358,6 +358,9 @@ impl<'a> VelocityIntegrals<'a> {
     /// The integrals at the space cells `cells`: averaged over a cell of degree 0, else at its
     /// node.
     pub fn on_cells(&self, case: &Case, cells: &[[usize; MAX_DIMENSION]]) -> Vec<VelocityIntegral> {
+        if self.space.dimension() == 1 && self.space.x[0].nodes.degree == 0 {
+            return self.on_line(cells);
+        }
         let rule = gauss_legendre(points_across(case));
         // Points across a cell and their weights, by axis.
         let along = |axis: &Axis, j: usize| -> Vec<[f64; 2]> {
@@ -385,9 +388,6 @@ impl<'a> VelocityIntegrals<'a> {
             }
             mean
         };
-        if self.space.dimension() == 1 && self.space.x[0].nodes.degree == 0 {
-            return self.on_line(cells);
-        }
         cells.iter().map(average).collect()
     }
 
@@ -440,7 +440,7 @@ impl<'a> VelocityIntegrals<'a> {
         let mut panels = vec![CellPanel { lower, upper, values }];
         let share = allowance(self.space) / (self.space.x[0].cells * points_of(&self.panels));
         let most = (BENT_CELLS * share).clamp(POSITIONS[0], POSITIONS[1]);
-        let mut used = POINTS - 1;
+        let mut used = POINTS;
         while used + POINTS - 1 <= most {
             let part = |panel: &CellPanel| panel.error() * panel.width() / whole;
             let error: f64 = panels.iter().map(part).sum();

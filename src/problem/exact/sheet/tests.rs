@@ -221,6 +221,19 @@ fn densities_beside_an_exit_are_those_of_the_beam() {
     }
 }
 
+/// Where the initial density jumps, the curve goes on: `v = 3x` is one branch.
+#[test]
+fn a_jump_of_the_density_does_not_part_the_curve() {
+    let density = "1 if x < 0.0123 else 2";
+    let fan = Scene { velocity: &["3*x"], density, inflow: "0", end: 2.0, ..BEAM }.case();
+    let curve = exact(&fan).curve.expect("one dimension");
+    assert!(curve.branch.iter().all(|branch| *branch == 0.0), "{:?}", curve.branch.last());
+    let densities = |x: f64| if x < 0.0123 * 7.0 { 1.0 / 7.0 } else { 2.0 / 7.0 };
+    let off = |(x, density): &(&f64, &f64)| (*density - densities(**x)).abs() > 1e-3;
+    // The piece with the jump has a density between both.
+    assert!(curve.x.iter().zip(&curve.density).filter(off).count() <= 2);
+}
+
 /// Folds: masses of cells against ten million particles counted one by one, in free flight.
 #[test]
 fn folds_hold_the_mass_that_is_counted() {
