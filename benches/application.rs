@@ -11,7 +11,7 @@ mod support;
 
 use phasewarp::base::machine::{cache_per_core, last_cache_per_core, processor_seconds};
 use phasewarp::matrix::block_matrix::BlockMatrix;
-use phasewarp::matrix::blocking::Blocking;
+use phasewarp::matrix::blocking::{Blocking, FastestBlocking};
 use phasewarp::matrix::kernel::{InstructionSet, Vectorized};
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
 use phasewarp::matrix::vector::Vector;
@@ -251,13 +251,13 @@ fn measure(grid: &Grid, world: &World, peaks: &Peaks, criterion: &mut Criterion)
     let name = grid.name;
     let mut steps = Steps::new(world, grid.case, &grid.settings());
     let rows = steps.matrix.rows();
-    let planned = Blocking::planned(&steps.matrix);
+    let candidates = FastestBlocking::planned(&steps.matrix, 1000);
+    let blockings: Vec<&Blocking> = candidates.all().iter().flatten().collect();
+    if blockings.is_empty() {
+        println!("{name}: in cache, not blocked");
+    }
     let mut before = None;
-    for blocking in [None, planned.as_ref()] {
-        if before.is_some() && blocking.is_none() {
-            println!("{name}: in cache, not blocked");
-            continue;
-        }
+    for blocking in [None].into_iter().chain(blockings.into_iter().map(Some)) {
         let depth = blocking.map_or(1, Blocking::depth);
         let trips = (1 << 20) / rows / depth + 1;
         let seconds = median(|| steps.run(blocking, trips)) / (trips * depth) as f64;
@@ -280,7 +280,7 @@ fn measure(grid: &Grid, world: &World, peaks: &Peaks, criterion: &mut Criterion)
             multiply_adds / each / peaks.multiply_adds,
             before.map_or(String::new(), |b: f64| format!("; {:.2} times as fast", b / each))
         );
-        before = Some(each);
+        before = before.or(Some(each));
         let mut group = criterion.benchmark_group("step");
         group.throughput(Throughput::Elements((rows * LANES * depth) as u64));
         let label = format!("{name}{}", blocking.map_or("", |_| " blocked"));

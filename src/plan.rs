@@ -140,6 +140,8 @@ impl Plan {
         PropagatorSetting {
             propagation: self.propagation,
             largest_work: warp.largest_work(),
+            applications: self.fields
+                * self.layout.groups.iter().map(|g| balance::applications(g)).min().unwrap_or(0),
             split: self.layout.mesh.blocks() > 1,
         }
     }

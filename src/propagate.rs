@@ -58,10 +58,7 @@ pub fn propagator<'a>(
     matrix: &BlockMatrix,
 ) -> Result<Box<dyn Propagator + 'a>> {
     match schedule {
-        Some(schedule) => {
-            let largest = setting.largest_work;
-            Ok(Box::new(CommutatorFree::new(matrix, largest, schedule)))
-        }
+        Some(schedule) => Ok(Box::new(CommutatorFree::new(matrix, setting, schedule))),
         None => descriptor(setting.propagation.method).propagator(setting, matrix),
     }
 }

@@ -101,7 +101,7 @@ fn series_and_lanczos(world: &World) {
     let case = small("example1.toml", &[]);
     let mut prepared = prepared(world, &case);
     let mut parts = parts(&mut prepared, case.end);
-    let mut chebyshev = Chebyshev::new(parts.evolution.matrix, 100);
+    let mut chebyshev = Chebyshev::new(parts.evolution.matrix, 100, 1000);
     for degree in [3, 40, 100] {
         let count = of_a_batch(&mut parts, &mut chebyshev, degree);
         assert_eq!(count, 0, "allocations at degree {degree}");

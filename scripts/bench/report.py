@@ -685,7 +685,9 @@ def rates(path):
             elif found := re.match(rf"(.+), step after step{rate}", line):
                 plain[found[1]] = found.groups()[1:]
             elif found := re.match(rf"(.+), ({shape}) of velocities{rate}.*; {number} times", line):
-                blocked[found[1]] = found.groups()[1:]
+                # Of several candidates the fastest, which a run takes.
+                blocked[found[1]] = max(found.groups()[1:], blocked.get(found[1], ()),
+                                        key=lambda groups: float(groups[-1]) if groups else 0.0)
     if head is None or not plain:
         raise Bad(f"{path}: no line about the triad, or none about a grid")
     rows = []

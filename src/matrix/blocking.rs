@@ -47,8 +47,11 @@ const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
 /// Part of the cache that the tiles in use may fill: cache lines that map to the same set evict
 /// each other before the cache is full.
 const SHARE: f64 = 0.55;
+/// The same where tiles may overflow the cache of a core: more of a pass is then in cache, but not
+/// all of it.
+const LARGER_SHARE: f64 = 1.2;
 /// Fewest rows of a tile that is not a whole cell.
-const FEWEST_ROWS: usize = 32;
+const FEWEST_ROWS: usize = 64;
 /// Time in ns of a row of a step whose data are in the cache of a core: its arithmetic. This and
 /// the following times were measured (docs/performance.md); only their ratios matter.
 const ARITHMETIC: f64 = 4.5;
@@ -57,7 +60,7 @@ const FROM_MEMORY: f64 = 0.04;
 /// Extra ns for each byte that is read from the last-level cache; arithmetic hides most of it.
 const FROM_LAST_CACHE: f64 = 0.004;
 /// Extra ns for each tile.
-const TILE: f64 = 40.0;
+const TILE: f64 = 80.0;
 /// Least part of a step's time that blocking must save.
 const LEAST_GAIN: f64 = 0.03;
 
@@ -117,28 +120,6 @@ impl Blocking {
         200 * rows / tile_rows
     }
 
-    /// The blocking of least modelled time, for the caches of this machine; `None` if single steps
-    /// are as fast, or a row is a sum over all ranks.
-    pub fn planned(matrix: &BlockMatrix) -> Option<Self> {
-        if !Self::possible(matrix) {
-            return None;
-        }
-        let parts = matrix.independent_velocities();
-        let shape = BlockingShape::planned(matrix, Caches::here(), BYTES_PER_ROW, parts)?;
-        Some(Self::new(matrix, &shape))
-    }
-
-    /// The same for steps whose results are read at once and added to a third vector. A tile then
-    /// has all velocities.
-    pub fn planned_to_read(matrix: &BlockMatrix) -> Option<Self> {
-        if !Self::possible(matrix) {
-            return None;
-        }
-        let bytes = BYTES_PER_ROW + size_of::<Lanes>() as f64;
-        let shape = BlockingShape::planned(matrix, Caches::here(), bytes, 1)?;
-        Some(Self::new(matrix, &shape))
-    }
-
     /// Whether steps can be blocked: no row is a sum over all ranks.
     pub fn possible(matrix: &BlockMatrix) -> bool {
         !matrix.shared
@@ -146,9 +127,14 @@ impl Blocking {
 
     /// The blocking of `shape`, for a matrix for which it is [`possible`](Self::possible).
     pub fn new(matrix: &BlockMatrix, shape: &BlockingShape) -> Self {
+        Self::from_neighbours(matrix, shape, &Tiling::new(matrix, shape.parts).neighbours(matrix))
+    }
+
+    /// The same, with the neighbours of tiles of as many parts or a multiple.
+    fn from_neighbours(matrix: &BlockMatrix, shape: &BlockingShape, fine: &Neighbours) -> Self {
         assert!(Self::possible(matrix) && (1..=MOST_LEVELS).contains(&shape.depth));
         let tiling = Tiling::new(matrix, shape.parts);
-        let neighbours = tiling.neighbours(matrix);
+        let neighbours = fine.merged(tiling.parts);
         let mut this = Self {
             shape: *shape,
             order: Vec::with_capacity(tiling.tiles.len() * shape.depth),
@@ -209,6 +195,123 @@ impl Blocking {
     }
 }
 
+/// Ways to do the steps of a run, of which the first passes find the fastest. All have the same
+/// bits. Ranks that split space may choose differently.
+///
+/// Machines differ in the speed of the last-level cache, from that of memory to ten times as much,
+/// and in the part of it that a core can use. So the candidates are single steps, and the blockings
+/// of least modelled time whose tiles in use fit into the last-level cache, into the cache of a
+/// core, and nearly into it.
+#[derive(Clone, Debug)]
+pub struct FastestBlocking {
+    /// `None`: single steps.
+    candidates: Vec<Option<Blocking>>,
+    /// Least seconds of a step with each candidate so far.
+    seconds: Vec<f64>,
+    /// Passes that were timed.
+    timed: usize,
+}
+
+impl FastestBlocking {
+    /// Passes with each candidate that are timed.
+    const TRIALS: usize = 2;
+    /// Steps in whose time the candidates are made, about.
+    const STEPS_OF_PLANNING: usize = 12;
+    /// Least ratio of all steps to those of the timed passes and of the planning.
+    const LEAST_STEPS: usize = 3;
+
+    /// The candidates for `matrix` on this machine and so many `steps` in all; for few steps the
+    /// shape for the last-level cache alone.
+    pub fn planned(matrix: &BlockMatrix, steps: usize) -> Self {
+        let parts = matrix.independent_velocities();
+        Self::of_shapes(matrix, steps, &Self::shapes(matrix, BYTES_PER_ROW, parts))
+    }
+
+    /// The same for steps whose results are read at once and added to a third vector. A tile then
+    /// has all velocities.
+    pub fn planned_to_read(matrix: &BlockMatrix, steps: usize) -> Self {
+        let bytes = BYTES_PER_ROW + size_of::<Lanes>() as f64;
+        Self::of_shapes(matrix, steps, &Self::shapes(matrix, bytes, 1))
+    }
+
+    /// The fastest of `candidates`, which are not empty.
+    pub fn of(candidates: Vec<Option<Blocking>>) -> Self {
+        assert!(!candidates.is_empty());
+        Self { seconds: vec![f64::INFINITY; candidates.len()], candidates, timed: 0 }
+    }
+
+    /// The shapes of least modelled time, without repetition: for the last-level cache first;
+    /// `None` for single steps. `vectors` are the bytes of vectors for a row, and a tile has one of
+    /// at most `most_parts` parts of the velocities.
+    fn shapes(matrix: &BlockMatrix, vectors: f64, most_parts: usize) -> Vec<Option<BlockingShape>> {
+        if !Blocking::possible(matrix) {
+            return vec![None];
+        }
+        let own = cache_per_core() as f64;
+        let alone =
+            [SHARE, LARGER_SHARE].map(|share| Caches { own: share * own, last: share * own });
+        let mut shapes = Vec::new();
+        for caches in [Caches::here()].into_iter().chain(alone) {
+            let shape = BlockingShape::planned(matrix, caches, vectors, most_parts);
+            if !shapes.contains(&shape) {
+                shapes.push(shape);
+            }
+        }
+        shapes
+    }
+
+    /// Single steps and blockings of `shapes`; the first of them alone for few steps.
+    fn of_shapes(matrix: &BlockMatrix, steps: usize, shapes: &[Option<BlockingShape>]) -> Self {
+        let timed = 1 + shapes.iter().flatten().map(|shape| shape.depth).sum::<usize>();
+        let overhead = Self::STEPS_OF_PLANNING + Self::TRIALS * timed;
+        let few = steps < Self::LEAST_STEPS * overhead;
+        let shapes = if few { &shapes[..1] } else { shapes };
+        let single = (!few && !shapes.contains(&None)).then_some(None);
+        let most = shapes.iter().flatten().map(|shape| shape.parts).max();
+        let fine = most.map(|parts| Tiling::new(matrix, parts).neighbours(matrix));
+        let blocking = |shape: &Option<BlockingShape>| {
+            let (shape, fine) = shape.as_ref().zip(fine.as_ref())?;
+            Some(Blocking::from_neighbours(matrix, shape, fine))
+        };
+        Self::of(shapes.iter().map(blocking).chain(single).collect())
+    }
+
+    /// All candidates.
+    pub fn all(&self) -> &[Option<Blocking>] {
+        &self.candidates
+    }
+
+    /// The blocking of the next pass; `None` for single steps.
+    pub fn next(&self) -> Option<&Blocking> {
+        self.candidates[self.chosen()].as_ref()
+    }
+
+    /// Most steps in the next pass.
+    pub fn depth(&self) -> usize {
+        self.next().map_or(1, Blocking::depth)
+    }
+
+    /// The next pass took `seconds` for so many `steps`. Passes of fewer steps than
+    /// [`depth`](Self::depth) are not counted.
+    pub fn passed(&mut self, steps: usize, seconds: f64) {
+        if self.timed < Self::TRIALS * self.candidates.len() && steps == self.depth() {
+            let least = &mut self.seconds[self.timed % self.candidates.len()];
+            *least = least.min(seconds / steps as f64);
+            self.timed += 1;
+        }
+    }
+
+    /// The candidate of the next pass.
+    fn chosen(&self) -> usize {
+        let count = self.candidates.len();
+        if self.timed < Self::TRIALS * count {
+            return self.timed % count;
+        }
+        let faster = |a: &usize, b: &usize| self.seconds[*a].total_cmp(&self.seconds[*b]);
+        (0..count).min_by(faster).unwrap_or(0)
+    }
+}
+
 /// Bytes of the caches that vectors may fill.
 #[derive(Clone, Copy, Debug)]
 struct Caches {
@@ -244,9 +347,9 @@ impl BlockingShape {
     /// The time of a row is that of its arithmetic, its share of the overhead of a tile, and the
     /// time to load its bytes from the last-level cache and, unless all data fit into it, from
     /// memory. With blocking, bytes are loaded from memory once for several steps. If the tiles in
-    /// use fit into the cache of a core, so they are from the last-level cache. This counts for
-    /// whole cells only: ranges of velocities lie apart by strides near a power of two, and evict
-    /// each other.
+    /// use fit into the cache of a core, so they are from the last-level cache. Where the
+    /// last-level cache is larger, this counts for whole cells only: ranges of velocities lie apart
+    /// by strides near a power of two, and may evict each other.
     fn planned(
         matrix: &BlockMatrix,
         caches: Caches,
@@ -262,8 +365,8 @@ impl BlockingShape {
         let from_last_cache = bytes * FROM_LAST_CACHE;
         let step_by_step = from_memory + from_last_cache;
         let mut best = (step_by_step - LEAST_GAIN * (ARITHMETIC + step_by_step), None);
-        let powers = (0..).map(|k| 1 << k).take_while(|parts| *parts < most_parts);
-        for parts in powers.chain([most_parts]) {
+        // Powers of two: the ranges of more parts are within those of fewer.
+        for parts in (0..).map(|k| 1 << k).take_while(|parts| *parts <= most_parts) {
             let nodes = matrix.stored().lines().nodes;
             let tile = nodes * matrix.block.velocity_cells.div_ceil(parts);
             let a_tile = bytes * tile as f64;
@@ -271,7 +374,8 @@ impl BlockingShape {
                 if sections * a_tile > caches.last {
                     continue;
                 }
-                let in_own = parts == 1 && sections * a_tile <= caches.own;
+                let whole = parts == 1 || caches.last <= caches.own;
+                let in_own = whole && sections * a_tile <= caches.own;
                 let again = if in_own { traffic } else { 1.0 };
                 let time = traffic * from_memory + again * from_last_cache + TILE / tile as f64;
                 if time < best.0 {
@@ -414,6 +518,7 @@ impl Tiling {
         let cells = matrix.block.cells();
         let ghosts = matrix.rows();
         let mut found = Neighbours {
+            parts: self.parts,
             ends: Vec::with_capacity(self.tiles.len()),
             tiles: Vec::new(),
             border: vec![false; self.tiles.len()],
@@ -442,7 +547,10 @@ impl Tiling {
     }
 }
 
+/// The tiles to which each tile is coupled.
 struct Neighbours {
+    /// Tiles of a cell.
+    parts: usize,
     ends: Vec<usize>,
     tiles: Vec<u32>,
     /// Whether a tile is coupled to ghosts.
@@ -453,6 +561,32 @@ impl Neighbours {
     fn of(&self, tile: usize) -> &[u32] {
         let start = tile.checked_sub(1).map_or(0, |before| self.ends[before]);
         &self.tiles[start..self.ends[tile]]
+    }
+
+    /// The neighbours of tiles of fewer parts, a divisor of these.
+    fn merged(&self, parts: usize) -> Self {
+        assert_eq!(self.parts % parts, 0, "ranges of velocities do not nest");
+        let each = self.parts / parts;
+        let count = self.ends.len() / each;
+        let mut merged = Self {
+            parts,
+            ends: Vec::with_capacity(count),
+            tiles: Vec::new(),
+            border: self.border.chunks(each).map(|parts| parts.contains(&true)).collect(),
+        };
+        let mut seen = vec![u32::MAX; count];
+        for tile in 0..count {
+            seen[tile] = tile as u32;
+            for other in (tile * each..(tile + 1) * each).flat_map(|fine| self.of(fine)) {
+                let other = *other as usize / each;
+                if seen[other] != tile as u32 {
+                    seen[other] = tile as u32;
+                    merged.tiles.push(other as u32);
+                }
+            }
+            merged.ends.push(merged.tiles.len());
+        }
+        merged
     }
 }
 
@@ -580,9 +714,10 @@ mod tests {
     use super::*;
     use crate::parallel::partition::{Block, ProcessMesh};
     use crate::problem::case::Case;
+    use std::collections::BTreeSet;
 
-    /// The shape for a core with 1 MiB of its own and 16 MiB of the last-level cache.
-    fn planned(degree: usize, elements: usize) -> Option<[usize; 3]> {
+    /// The matrix of a step of `V` on as many elements along `x` and `v`.
+    fn matrix(degree: usize, elements: usize) -> BlockMatrix {
         let axis = |name: &str, end: f64| {
             format!("{name} = {{ lower = -{end}, upper = {end}, cells = {elements} }}\n")
         };
@@ -597,6 +732,12 @@ mod tests {
         let block = Block::new(&case.space, &ProcessMesh { space: vec![1], groups: 1 }, 0);
         let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
         matrix.gather_elements();
+        matrix
+    }
+
+    /// The shape for a core with 1 MiB of its own and 16 MiB of the last-level cache.
+    fn planned(degree: usize, elements: usize) -> Option<[usize; 3]> {
+        let matrix = matrix(degree, elements);
         let caches = Caches { own: SHARE * 1048576.0, last: SHARE * 16777216.0 };
         let parts = matrix.independent_velocities();
         let shape = BlockingShape::planned(&matrix, caches, BYTES_PER_ROW, parts)?;
@@ -620,5 +761,59 @@ mod tests {
         ] {
             assert_eq!(planned(degree, elements), expected, "degree {degree}, {elements}");
         }
+    }
+
+    /// The neighbours of merged tiles are those of the rows of these tiles.
+    #[test]
+    fn merged_tiles_have_the_neighbours_of_their_rows() {
+        for (degree, elements) in [(0, 24), (2, 9)] {
+            let matrix = matrix(degree, elements);
+            let fine = Tiling::new(&matrix, 8).neighbours(&matrix);
+            for parts in [1, 2, 4, 8] {
+                let (merged, own) = (fine.merged(parts), Tiling::new(&matrix, parts));
+                let own = own.neighbours(&matrix);
+                assert!(own.ends.len() >= elements * parts && merged.border == own.border);
+                for tile in 0..own.ends.len() {
+                    let [a, b] = [&merged, &own].map(|n| BTreeSet::from_iter(n.of(tile)));
+                    assert_eq!(a, b, "degree {degree}, {parts} parts, tile {tile}");
+                }
+            }
+        }
+    }
+
+    /// Each candidate is timed twice in passes of its full depth, and the least time counts.
+    #[test]
+    fn the_fastest_candidate_is_kept() {
+        let matrix = matrix(0, 8);
+        let shape = |depth| BlockingShape { depth, width: 1, parts: 1 };
+        let deep = |depth| Some(Blocking::new(&matrix, &shape(depth)));
+        let mut fastest = FastestBlocking::of(vec![None, deep(2), deep(3)]);
+        for (depth, seconds) in [(1, 0.5), (2, 9.0), (3, 3.0), (1, 0.9), (2, 0.6), (3, 1.2)] {
+            assert_eq!(fastest.depth(), depth);
+            fastest.passed(depth, seconds);
+            // The last pass of a series may be shorter.
+            if fastest.depth() > 1 {
+                fastest.passed(1, 0.0);
+            }
+        }
+        // 0.5, 0.3 and 0.4 seconds a step.
+        assert_eq!(fastest.depth(), 2);
+        fastest.passed(2, 100.0);
+        assert_eq!(fastest.depth(), 2);
+    }
+
+    /// Where there are too few steps for trials, the first shape is taken as it is.
+    #[test]
+    fn few_steps_are_not_tried_in_several_ways() {
+        let matrix = matrix(0, 8);
+        let shape = |depth| Some(BlockingShape { depth, width: 1, parts: 1 });
+        // 12 steps for the planning and 2 (1 + 2 + 3) timed ones, and three times as many.
+        for (steps, expected) in [(71, vec![2]), (72, vec![2, 3, 1]), (1000, vec![2, 3, 1])] {
+            let fastest = FastestBlocking::of_shapes(&matrix, steps, &[shape(2), shape(3)]);
+            let depths = fastest.all().iter().map(|c| c.as_ref().map_or(1, Blocking::depth));
+            assert_eq!(depths.collect::<Vec<_>>(), expected, "{steps} steps");
+        }
+        let single = FastestBlocking::of_shapes(&matrix, 10, &[None, shape(3)]);
+        assert_eq!((single.all().len(), single.depth()), (1, 1));
     }
 }

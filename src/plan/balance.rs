@@ -31,6 +31,11 @@ pub fn cost(group: &[Batch]) -> usize {
     group.iter().map(|b| b.cost).sum()
 }
 
+/// Modelled applications to whole batches of a group.
+pub fn applications(group: &[Batch]) -> usize {
+    cost(group) / LANES
+}
+
 /// The batches of each of `groups` mode groups, longest first, for modes that take `work`. Modes
 /// that are `finished` are left out; coupled modes of a batch finish together.
 pub fn share_out(

@@ -29,7 +29,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{Blocking, MOST_LEVELS, RecurrenceSteps};
+use crate::matrix::blocking::{Blocking, FastestBlocking, MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};
@@ -38,6 +38,7 @@ use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
 use num_complex::Complex64;
+use std::time::Instant;
 
 /// The least degree `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; for long series at most some units more,
 /// from `J_k(k sech α) ≤ exp(−k(α − tanh α))/√(2πk tanh α)` (DLMF 10.14.5) and a geometric series.
@@ -114,24 +115,20 @@ pub struct Chebyshev {
     /// `J_0 − 1` by lane.
     first_less_one: [f64; LANES],
     series: Vec<f64>,
-    blocking: Option<Blocking>,
+    blocking: FastestBlocking,
     /// The coefficients of the steps of one pass through memory.
     levels: Vec<StepConstants>,
 }
 
 impl Chebyshev {
-    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, with the planned
-    /// blocking of steps.
-    pub fn new(matrix: &BlockMatrix, largest_degree: usize) -> Self {
-        Self::blocked(matrix, largest_degree, Blocking::planned(matrix))
+    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, with the fastest of the
+    /// blockings that are planned for so many `applications` to batches.
+    pub fn new(matrix: &BlockMatrix, largest_degree: usize, applications: usize) -> Self {
+        Self::blocked(matrix, largest_degree, FastestBlocking::planned(matrix, applications))
     }
 
     /// Scratch as [`new`](Self::new) makes it, with the given blocking of steps.
-    pub fn blocked(
-        matrix: &BlockMatrix,
-        largest_degree: usize,
-        blocking: Option<Blocking>,
-    ) -> Self {
+    pub fn blocked(matrix: &BlockMatrix, largest_degree: usize, blocking: FastestBlocking) -> Self {
         let vector = || vec![Lanes::ZERO; matrix.length()];
         Self {
             current: vector(),
@@ -224,15 +221,16 @@ impl Chebyshev {
             // `current` is zero here, so the sum has the same bits on any processor.
             R::add_unfused(start, i, &first, current);
         }
-        let most = self.blocking.as_ref().map_or(1, Blocking::depth);
         let mut left = degree;
         while left > 0 {
             self.levels.clear();
-            let levels = system.interruption.before_look(left.min(most));
+            let levels = system.interruption.before_look(left.min(self.blocking.depth()));
             self.levels.extend((left - levels..left).rev().map(constants));
             let steps = RecurrenceSteps { levels: &self.levels, couplings };
             let (y, x) = (&mut self.previous, &mut self.current);
-            matrix.steps(exchange, self.blocking.as_ref(), &steps, y, x, start);
+            let began = Instant::now();
+            matrix.steps(exchange, self.blocking.next(), &steps, y, x, start);
+            self.blocking.passed(levels, began.elapsed().as_secs_f64());
             left -= levels;
             if system.interruption.after(levels) {
                 return Err(Error::Left);
@@ -271,17 +269,19 @@ impl Chebyshev {
         let (mut terms, blocking) = passed.reader(matrix, &self.coefficients);
         terms.expect(0..1);
         terms.read(0, 0..rows, &self.current);
-        let most = blocking.map_or(1, Blocking::depth);
         let mut done = 0;
         while done < degree {
-            let to = done + system.interruption.before_look(most.min(degree - done));
+            let most = blocking.depth().min(degree - done);
+            let to = done + system.interruption.before_look(most);
             self.levels.clear();
             self.levels.extend((done..to).map(constants));
             terms.expect(done + 1..to + 1);
             let steps = RecurrenceSteps { levels: &self.levels, couplings: None };
             let vectors = [&mut self.previous, &mut self.current];
             let mut read = |level, rows, term: &[Lanes]| terms.read(level, rows, term);
-            matrix.steps_and_read::<()>(exchange, blocking, &steps, vectors, &[], &mut read);
+            let began = Instant::now();
+            matrix.steps_and_read::<()>(exchange, blocking.next(), &steps, vectors, &[], &mut read);
+            blocking.passed(to - done, began.elapsed().as_secs_f64());
             if system.interruption.after(to - done) {
                 return Err(Error::Left);
             }
@@ -358,7 +358,10 @@ impl Descriptor for ChebyshevMethod {
         let velocities = share.case.space.velocity_cells() as u64;
         vec![
             NamedBytes::new(format!("batch of {LANES} modes"), batch),
-            NamedBytes::new("order of the blocking", Blocking::most_bytes(share.rows, velocities)),
+            NamedBytes::new(
+                "orders of two blockings",
+                2 * Blocking::most_bytes(share.rows, velocities),
+            ),
         ]
     }
 
@@ -371,7 +374,7 @@ impl Descriptor for ChebyshevMethod {
         setting: &PropagatorSetting,
         matrix: &BlockMatrix,
     ) -> Result<Box<dyn Propagator>> {
-        Ok(Box::new(Chebyshev::new(matrix, setting.largest_work)))
+        Ok(Box::new(Chebyshev::new(matrix, setting.largest_work, setting.applications)))
     }
 }
 

@@ -14,7 +14,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::chebyshev::{Chebyshev, degree};
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState};
-use crate::propagate::method::{BatchReport, Propagator};
+use crate::propagate::method::{BatchReport, Propagator, PropagatorSetting};
 use crate::propagate::time_dependent_inflow::Schedule;
 use num_complex::Complex64;
 
@@ -45,13 +45,14 @@ pub fn stage_degree(scratch: &mut Vec<f64>, tau: f64, whole_degree: usize, stage
 }
 
 impl<'a> CommutatorFree<'a> {
-    /// Scratch for vectors of `matrix` and batches whose modes take at most `largest_work`.
-    pub fn new(matrix: &BlockMatrix, largest_work: usize, schedule: &'a Schedule) -> Self {
+    /// Scratch for vectors of `matrix`, batches whose modes take at most the largest work of
+    /// `setting`, and the exponentials of `schedule`.
+    pub fn new(matrix: &BlockMatrix, setting: &PropagatorSetting, schedule: &'a Schedule) -> Self {
         // A stage's series is shorter than that of the whole run, except for additional terms for
         // its smaller error.
-        let largest = largest_work + 60;
+        let largest = setting.largest_work + 60;
         Self {
-            chebyshev: Chebyshev::new(matrix, largest),
+            chebyshev: Chebyshev::new(matrix, largest, setting.applications),
             start: vec![Lanes::ZERO; matrix.rows()],
             rounded: vec![Lanes::ZERO; matrix.rows()],
             schedule,

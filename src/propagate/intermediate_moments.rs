@@ -12,7 +12,7 @@
 //! the sum of the terms, which takes a third vector.
 
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{Blocking, MOST_LEVELS};
+use crate::matrix::blocking::{Blocking, FastestBlocking, MOST_LEVELS};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MomentsOf;
 use crate::matrix::terms::TermRows;
@@ -43,16 +43,18 @@ pub struct IntermediateMoments<'a> {
     /// The sum of the terms.
     pub(crate) sum: Vec<Lanes>,
     series: Vec<f64>,
-    blocking: Option<Blocking>,
+    blocking: FastestBlocking,
 }
 
 impl<'a> IntermediateMoments<'a> {
-    /// Room for legs that pass at most `times` times in series of at most `largest_degree`.
+    /// Room for legs that pass at most `times` times in series of at most `largest_degree`, with
+    /// the blockings that are planned for so many `applications` to batches.
     pub fn new(
         matrix: &BlockMatrix,
         moments: &'a MomentsOf<'a>,
         times: usize,
         largest_degree: usize,
+        applications: usize,
     ) -> Self {
         let points = matrix.block.space_cells();
         Self {
@@ -63,7 +65,7 @@ impl<'a> IntermediateMoments<'a> {
             coefficients: vec![0.0; times * (largest_degree + 1) * LANES],
             most_terms: largest_degree + 1,
             of_terms: Vec::with_capacity(times * MOST_LEVELS),
-            blocking: Blocking::planned_to_read(matrix),
+            blocking: FastestBlocking::planned_to_read(matrix, applications),
             values: vec![[0.0; LANES]; points * times * moments.count()],
             sum: vec![Lanes::ZERO; matrix.length()],
             series: Vec::with_capacity(2 * largest_degree + 200),
@@ -72,7 +74,7 @@ impl<'a> IntermediateMoments<'a> {
     }
 
     /// These moments with another blocking of steps, whose tiles have all velocities.
-    pub fn blocked(self, blocking: Option<Blocking>) -> Self {
+    pub fn blocked(self, blocking: FastestBlocking) -> Self {
         Self { blocking, ..self }
     }
 
@@ -81,7 +83,7 @@ impl<'a> IntermediateMoments<'a> {
         let space = &share.case.space;
         let (moments, velocities) = (space.dimension() as u64 + 2, space.velocity_cells());
         // A tile has all velocities.
-        let order = Blocking::bytes_of(share.rows, velocities as u64);
+        let order = 2 * Blocking::bytes_of(share.rows, velocities as u64);
         8 * LANES as u64 * times * (largest_degree + 1 + points * moments)
             + 8 * points * velocities as u64
             + size_of::<Lanes>() as u64 * share.length
@@ -122,13 +124,13 @@ impl<'a> IntermediateMoments<'a> {
     }
 
     /// The reader of the terms of a series that has these `coefficients` at the end of the leg; and
-    /// the blocking of its steps.
+    /// the blockings of its steps.
     pub(crate) fn reader<'r>(
         &'r mut self,
         matrix: &BlockMatrix,
         coefficients: &'r [f64],
-    ) -> (TermReader<'r>, Option<&'r Blocking>) {
-        let Self { moments, scales, weights, lengths, of_terms, values, sum, .. } = self;
+    ) -> (TermReader<'r>, &'r mut FastestBlocking) {
+        let Self { moments, scales, weights, lengths, of_terms, values, sum, blocking, .. } = self;
         let reader = TermReader {
             moments,
             scales,
@@ -143,7 +145,7 @@ impl<'a> IntermediateMoments<'a> {
             first: 0,
             active: 0..0,
         };
-        (reader, self.blocking.as_ref())
+        (reader, blocking)
     }
 
     /// By point of space, the moments at time number `time` of the leg, by lane: density, momenta,

@@ -386,7 +386,7 @@ impl ModeEvolution<'_> {
         let modes = series.modes();
         let works: Vec<usize> = (0..modes).map(&mut work).collect();
         let most = works.iter().copied().max().unwrap_or(0);
-        let mut propagator = Chebyshev::new(&problem.matrix, most);
+        let mut propagator = Chebyshev::new(&problem.matrix, most, most);
         let norm = problem.norm(communicator, &problem.states[0], false);
         let initial = InitialState::real(&problem.states[0][..rows], norm);
         let mut system = Evolution {

@@ -16,7 +16,7 @@ use crate::base::error::Result;
 use crate::base::memory;
 use crate::base::progress::Progress;
 use crate::matrix::lanes::Lanes;
-use crate::plan::balance::Batch;
+use crate::plan::balance::{self, Batch};
 use crate::propagate::evolution::Evolution;
 use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::Propagator;
@@ -61,8 +61,11 @@ pub fn run(
     let legs = task.legs.len();
     let times = task.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
     let matrix = system.matrix;
-    let passed = (task.moments.filter(|_| times > 0))
-        .map(|moments| IntermediateMoments::new(matrix, moments, times, task.warp.largest_work()));
+    let passed = task.moments.filter(|_| times > 0).map(|moments| {
+        let applications = task.initial.len() * balance::applications(task.batches);
+        let largest = task.warp.largest_work();
+        IntermediateMoments::new(matrix, moments, times, largest, applications)
+    });
     let at_once = if hooks.keeping.is_some() { 1 } else { legs };
     let stages: Vec<(usize, usize)> = (0..task.initial.len())
         .flat_map(|k| (0..legs).step_by(at_once).map(move |leg| (k, leg)))

@@ -8,7 +8,7 @@ use crate::support::prepared::parts;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use num_complex::Complex64;
-use phasewarp::matrix::blocking::{Blocking, BlockingShape};
+use phasewarp::matrix::blocking::{Blocking, BlockingShape, FastestBlocking};
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::matrix::lanes::{LANES, Lanes};
 use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
@@ -161,8 +161,8 @@ fn chebyshev_series(
     let matrix = &weighted.prepared.system.matrix;
     let shape = BlockingShape { depth: 5, width: 2, parts: 2 };
     let blocking = Blocking::possible(matrix).then(|| Blocking::new(matrix, &shape));
-    let mut plain = Chebyshev::blocked(matrix, most, None);
-    let mut blocked = Chebyshev::blocked(matrix, most, blocking);
+    let mut plain = Chebyshev::blocked(matrix, most, FastestBlocking::of(vec![None]));
+    let mut blocked = Chebyshev::blocked(matrix, most, FastestBlocking::of(vec![blocking, None]));
     let found = propagate(weighted, &mut plain, &batch, time);
     assert!(found.step_errors.is_empty() && found.report.solves == 0);
     assert_eq!(found.report.applications, work.iter().sum::<usize>());
@@ -205,7 +205,8 @@ fn passing_times(
     chebyshev.propagate(evolution, batch, start).expect("a series");
     let whole = chebyshev.state()[..matrix.rows()].to_vec();
     let read = [None, blocking].map(|blocking| {
-        let mut passed = IntermediateMoments::new(matrix, &moments, 2, most).blocked(blocking);
+        let mut passed = IntermediateMoments::new(matrix, &moments, 2, most, most)
+            .blocked(FastestBlocking::of(vec![blocking, None]));
         let weights = std::array::from_fn(|l| Complex64::cis(0.3 * l as f64));
         passed.begin(&[0.2 * time, 0.9 * time], &weights);
         let report = chebyshev.propagate_past(evolution, batch, start, &mut passed);
