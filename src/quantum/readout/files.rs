@@ -78,13 +78,16 @@ impl Readout {
         disk::write_text(&directory.join("readout.csv"), &self.csv())
     }
 
-    /// A heading, then a line for every row and estimator. Numbers that are not known are empty;
-    /// the last column says why.
+    /// A heading, then a line for every row and estimator. Whole numbers have no point. Numbers
+    /// that are not known are empty; the last column says why.
     pub fn csv(&self) -> String {
         let figures = COLUMNS.map(|(name, _)| name)[4..].join(",");
         let mut text = format!("cell,point,observable,value,estimator,{figures},unavailable\n");
-        let number =
-            |figure: &LabelledNumber| figure.value().map_or(String::new(), |x| format!("{x:?}"));
+        let text_of = |x: f64| match x.fract() == 0.0 && x.abs() < 1e15 {
+            true => format!("{x:.0}"),
+            false => format!("{x:?}"),
+        };
+        let number = |figure: &LabelledNumber| figure.value().map_or(String::new(), text_of);
         let joined = |list: Vec<String>| list.join(" ");
         for row in &self.rows {
             let cell = joined(row.cell.iter().map(usize::to_string).collect());
