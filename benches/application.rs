@@ -283,7 +283,7 @@ fn measure(grid: &Grid, world: &World, peaks: &Peaks, criterion: &mut Criterion)
         before = before.or(Some(each));
         let mut group = criterion.benchmark_group("step");
         group.throughput(Throughput::Elements((rows * LANES * depth) as u64));
-        let label = format!("{name}{}", blocking.map_or("", |_| " blocked"));
+        let label = format!("{name}, {how}");
         group.bench_function(&label, |b| b.iter(|| steps.run(blocking, 1)));
         group.finish();
     }

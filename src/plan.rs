@@ -137,11 +137,12 @@ pub fn refuse_long_transport(case: &Case) -> Result<()> {
 impl Plan {
     /// The setting of the propagator for the series `warp`.
     pub fn propagator_setting(&self, warp: &WarpPlan) -> PropagatorSetting {
+        let applications = self.layout.groups.iter().map(|group| balance::applications(group));
+        let fewest = applications.filter(|count| *count > 0).min();
         PropagatorSetting {
             propagation: self.propagation,
             largest_work: warp.largest_work(),
-            applications: self.fields
-                * self.layout.groups.iter().map(|g| balance::applications(g)).min().unwrap_or(0),
+            applications: self.fields * fewest.unwrap_or(0),
             split: self.layout.mesh.blocks() > 1,
         }
     }

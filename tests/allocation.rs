@@ -4,6 +4,7 @@
 mod support;
 
 use phasewarp::base::progress::Progress;
+use phasewarp::matrix::blocking::{Blocking, BlockingShape, FastestBlocking};
 use phasewarp::matrix::lanes::LANES;
 use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
 use phasewarp::parallel::communicator::World;
@@ -102,9 +103,16 @@ fn series_and_lanczos(world: &World) {
     let mut prepared = prepared(world, &case);
     let mut parts = parts(&mut prepared, case.end);
     let mut chebyshev = Chebyshev::new(parts.evolution.matrix, 100, 1000);
+    let shape = |depth| BlockingShape { depth, width: 1, parts: 1 };
+    let several = [Some(4), Some(7), None];
+    let several = several.map(|d| d.map(|d| Blocking::new(parts.evolution.matrix, &shape(d))));
+    let several = FastestBlocking::of(several.into());
+    let mut blocked = Chebyshev::blocked(parts.evolution.matrix, 100, several);
     for degree in [3, 40, 100] {
         let count = of_a_batch(&mut parts, &mut chebyshev, degree);
         assert_eq!(count, 0, "allocations at degree {degree}");
+        let count = of_a_batch(&mut parts, &mut blocked, degree);
+        assert_eq!(count, 0, "allocations of blocked steps at degree {degree}");
     }
     let mut krylov = Krylov::new(parts.evolution.matrix, None);
     let count = of_a_batch(&mut parts, &mut krylov, 0);

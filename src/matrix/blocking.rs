@@ -47,8 +47,7 @@ const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
 /// Part of the cache that the tiles in use may fill: cache lines that map to the same set evict
 /// each other before the cache is full.
 const SHARE: f64 = 0.55;
-/// The same where tiles may overflow the cache of a core: more of a pass is then in cache, but not
-/// all of it.
+/// The same for tiles that overflow the cache of a core a little, so that most of a pass is in it.
 const LARGER_SHARE: f64 = 1.2;
 /// Fewest rows of a tile that is not a whole cell.
 const FEWEST_ROWS: usize = 64;
@@ -108,18 +107,6 @@ pub struct Blocking {
 }
 
 impl Blocking {
-    /// Bytes of a blocking while it is made, for this number of rows with `velocities` at a cell. A
-    /// tile has at least these or [`FEWEST_ROWS`] rows.
-    pub fn most_bytes(rows: u64, velocities: u64) -> u64 {
-        Self::bytes_of(rows, velocities.clamp(1, FEWEST_ROWS as u64))
-    }
-
-    /// Bytes of a blocking while it is made, for this number of rows in tiles of at least
-    /// `tile_rows`.
-    pub fn bytes_of(rows: u64, tile_rows: u64) -> u64 {
-        200 * rows / tile_rows
-    }
-
     /// Whether steps can be blocked: no row is a sum over all ranks.
     pub fn possible(matrix: &BlockMatrix) -> bool {
         !matrix.shared
@@ -210,15 +197,33 @@ pub struct FastestBlocking {
     seconds: Vec<f64>,
     /// Passes that were timed.
     timed: usize,
+    /// Passes since then that had fewer steps than the candidate.
+    short: usize,
 }
 
 impl FastestBlocking {
     /// Passes with each candidate that are timed.
     const TRIALS: usize = 2;
+    /// Most passes with fewer steps than the candidate that are left out one after the other. The
+    /// last pass of a series may be short; some runs have no others.
+    const MOST_SHORT: usize = 3;
     /// Steps in whose time the candidates are made, about.
     const STEPS_OF_PLANNING: usize = 12;
     /// Least ratio of all steps to those of the timed passes and of the planning.
-    const LEAST_STEPS: usize = 3;
+    const LEAST_RATIO: usize = 3;
+
+    /// Bytes of all candidates while they are made, for this number of rows with `velocities` at a
+    /// cell. A tile has at least these or [`FEWEST_ROWS`] rows.
+    pub fn most_bytes(rows: u64, velocities: u64) -> u64 {
+        Self::bytes_of(rows, velocities.clamp(1, FEWEST_ROWS as u64))
+    }
+
+    /// Bytes of all candidates while they are made, for this number of rows in tiles of at least
+    /// `tile_rows`: for each tile its part in up to three orders of at most [`MOST_LEVELS`] levels,
+    /// and its neighbours.
+    pub fn bytes_of(rows: u64, tile_rows: u64) -> u64 {
+        480 * rows / tile_rows
+    }
 
     /// The candidates for `matrix` on this machine and so many `steps` in all; for few steps the
     /// shape for the last-level cache alone.
@@ -237,21 +242,21 @@ impl FastestBlocking {
     /// The fastest of `candidates`, which are not empty.
     pub fn of(candidates: Vec<Option<Blocking>>) -> Self {
         assert!(!candidates.is_empty());
-        Self { seconds: vec![f64::INFINITY; candidates.len()], candidates, timed: 0 }
+        Self { seconds: vec![f64::INFINITY; candidates.len()], candidates, timed: 0, short: 0 }
     }
 
-    /// The shapes of least modelled time, without repetition: for the last-level cache first;
-    /// `None` for single steps. `vectors` are the bytes of vectors for a row, and a tile has one of
-    /// at most `most_parts` parts of the velocities.
+    /// The shapes of least modelled time, without repetition: with the last-level cache first, then
+    /// as if it were as slow as memory; `None` for single steps. `vectors` are the bytes of vectors
+    /// for a row, and a tile has one of at most `most_parts` parts of the velocities.
     fn shapes(matrix: &BlockMatrix, vectors: f64, most_parts: usize) -> Vec<Option<BlockingShape>> {
         if !Blocking::possible(matrix) {
             return vec![None];
         }
         let own = cache_per_core() as f64;
-        let alone =
+        let of_a_core =
             [SHARE, LARGER_SHARE].map(|share| Caches { own: share * own, last: share * own });
         let mut shapes = Vec::new();
-        for caches in [Caches::here()].into_iter().chain(alone) {
+        for caches in [Caches::here()].into_iter().chain(of_a_core) {
             let shape = BlockingShape::planned(matrix, caches, vectors, most_parts);
             if !shapes.contains(&shape) {
                 shapes.push(shape);
@@ -264,7 +269,7 @@ impl FastestBlocking {
     fn of_shapes(matrix: &BlockMatrix, steps: usize, shapes: &[Option<BlockingShape>]) -> Self {
         let timed = 1 + shapes.iter().flatten().map(|shape| shape.depth).sum::<usize>();
         let overhead = Self::STEPS_OF_PLANNING + Self::TRIALS * timed;
-        let few = steps < Self::LEAST_STEPS * overhead;
+        let few = steps < Self::LEAST_RATIO * overhead;
         let shapes = if few { &shapes[..1] } else { shapes };
         let single = (!few && !shapes.contains(&None)).then_some(None);
         let most = shapes.iter().flatten().map(|shape| shape.parts).max();
@@ -282,23 +287,28 @@ impl FastestBlocking {
     }
 
     /// The blocking of the next pass; `None` for single steps.
-    pub fn next(&self) -> Option<&Blocking> {
+    pub fn current(&self) -> Option<&Blocking> {
         self.candidates[self.chosen()].as_ref()
     }
 
     /// Most steps in the next pass.
     pub fn depth(&self) -> usize {
-        self.next().map_or(1, Blocking::depth)
+        self.current().map_or(1, Blocking::depth)
     }
 
-    /// The next pass took `seconds` for so many `steps`. Passes of fewer steps than
-    /// [`depth`](Self::depth) are not counted.
+    /// The pass took `seconds` for so many `steps`, at most [`depth`](Self::depth).
     pub fn passed(&mut self, steps: usize, seconds: f64) {
-        if self.timed < Self::TRIALS * self.candidates.len() && steps == self.depth() {
-            let least = &mut self.seconds[self.timed % self.candidates.len()];
-            *least = least.min(seconds / steps as f64);
-            self.timed += 1;
+        if self.timed == Self::TRIALS * self.candidates.len() {
+            return;
         }
+        if steps < self.depth() && self.short < Self::MOST_SHORT {
+            self.short += 1;
+            return;
+        }
+        let least = &mut self.seconds[self.timed % self.candidates.len()];
+        *least = least.min(seconds / steps as f64);
+        self.timed += 1;
+        self.short = 0;
     }
 
     /// The candidate of the next pass.
@@ -591,9 +601,10 @@ impl Neighbours {
 }
 
 impl BlockMatrix {
-    /// Number of ranges of velocities that are not coupled to each other, but for a few cells of
-    /// space. They are as small as is worth a tile; in more than one dimension they are whole lines
-    /// of the last axis, as a jump in `x` couples only velocities along `x`. One if a force acts.
+    /// Most ranges of velocities that are not coupled to each other, but for a few cells of space.
+    /// They are as small as is worth a tile; in more than one dimension they have the size of a
+    /// line of the last axis at least, as a jump in `x` couples only velocities along `x`. Each has
+    /// an element of velocity at least. One if a force acts.
     fn independent_velocities(&self) -> usize {
         let (nv, count) = (self.block.velocity_cells, self.block.space_cells());
         let coupled = |cell: &usize| {
@@ -606,7 +617,8 @@ impl BlockMatrix {
         }
         let line = if self.block.ranges.len() == 1 { 1 } else { self.block.velocity_line };
         let rows = line * self.stored().lines().nodes;
-        (nv / (line * FEWEST_ROWS.div_ceil(rows))).max(1)
+        let elements = nv / self.stored().velocity_lines().unit();
+        (nv / (line * FEWEST_ROWS.div_ceil(rows))).clamp(1, elements)
     }
 
     /// Several steps, with the result of as many calls of [`step`](Self::step): from `x` and the
@@ -718,15 +730,20 @@ mod tests {
 
     /// The matrix of a step of `V` on as many elements along `x` and `v`.
     fn matrix(degree: usize, elements: usize) -> BlockMatrix {
-        let axis = |name: &str, end: f64| {
+        matrix_of("where = \"x < 0\"\nvalue = \"0.2\"", degree, [elements; 2])
+    }
+
+    /// The matrix of a potential that is 0 where it is not given, on `elements` along `x` and `v`.
+    fn matrix_of(potential: &str, degree: usize, elements: [usize; 2]) -> BlockMatrix {
+        let axis = |name: &str, end: f64, elements: usize| {
             format!("{name} = {{ lower = -{end}, upper = {end}, cells = {elements} }}\n")
         };
         let text = format!(
-            "[[axis]]\n{}{}[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n\
+            "[[axis]]\n{}{}[[potential]]\n{potential}\n\
              [[potential]]\nvalue = \"0\"\n[scheme]\ndegree = {degree}\n\
              [initial]\nf = \"exp(-x^2)\"\n[time]\nend = 1.0\n",
-            axis("x", 1.0),
-            axis("v", 1.5)
+            axis("x", 1.0, elements[0]),
+            axis("v", 1.5, elements[1])
         );
         let case = Case::parse("case", &text, &[]).expect("a case");
         let block = Block::new(&case.space, &ProcessMesh { space: vec![1], groups: 1 }, 0);
@@ -781,25 +798,60 @@ mod tests {
         }
     }
 
-    /// Each candidate is timed twice in passes of its full depth, and the least time counts.
+    /// A force in few cells couples the velocities of an element. No range of velocities is a part
+    /// of an element, so that ranges nest for any number of elements.
+    #[test]
+    fn ranges_of_velocities_nest_where_a_force_acts_in_few_cells() {
+        let force = "where = \"x < -0.9\"\nvalue = \"x + 0.9\"";
+        for (degree, elements) in [(8, [20, 15]), (8, [20, 7]), (3, [20, 30])] {
+            let matrix = matrix_of(force, degree, elements);
+            let most = matrix.independent_velocities();
+            assert!(1 < most && most <= elements[1], "{most} ranges of {} elements", elements[1]);
+            let most = 1 << most.ilog2();
+            let shape = |parts| Some(BlockingShape { depth: 2, width: 1, parts });
+            let all = FastestBlocking::of_shapes(&matrix, 1000, &[shape(most), shape(most / 2)]);
+            let parts: Vec<_> = all.all().iter().flatten().map(|b| b.shape().parts).collect();
+            assert_eq!(parts, [most, most / 2]);
+        }
+    }
+
+    /// Each candidate is timed twice, and the least time counts. The last pass of a series may be
+    /// shorter, and does not count.
     #[test]
     fn the_fastest_candidate_is_kept() {
         let matrix = matrix(0, 8);
         let shape = |depth| BlockingShape { depth, width: 1, parts: 1 };
         let deep = |depth| Some(Blocking::new(&matrix, &shape(depth)));
         let mut fastest = FastestBlocking::of(vec![None, deep(2), deep(3)]);
-        for (depth, seconds) in [(1, 0.5), (2, 9.0), (3, 3.0), (1, 0.9), (2, 0.6), (3, 1.2)] {
+        for (depth, seconds) in [(1, 0.5), (2, 0.6), (3, 3.0), (1, 0.9), (2, 9.0), (3, 1.2)] {
             assert_eq!(fastest.depth(), depth);
-            fastest.passed(depth, seconds);
-            // The last pass of a series may be shorter.
-            if fastest.depth() > 1 {
+            if depth > 1 {
                 fastest.passed(1, 0.0);
             }
+            fastest.passed(depth, seconds);
         }
         // 0.5, 0.3 and 0.4 seconds a step.
         assert_eq!(fastest.depth(), 2);
         fastest.passed(2, 100.0);
         assert_eq!(fastest.depth(), 2);
+    }
+
+    /// Where no series is as long as a pass, passes are timed as they are.
+    #[test]
+    fn candidates_deeper_than_every_series_are_timed() {
+        let matrix = matrix(0, 8);
+        let deep =
+            |depth| Some(Blocking::new(&matrix, &BlockingShape { depth, width: 1, parts: 1 }));
+        let mut fastest = FastestBlocking::of(vec![deep(6), deep(5), None]);
+        for _ in 0..20 {
+            let depth = fastest.depth();
+            // Series of 4 steps, of 1 second a step with blocking, and of half of it without.
+            match depth {
+                1 => fastest.passed(1, 0.5),
+                _ => fastest.passed(4, 4.0),
+            }
+        }
+        assert_eq!(fastest.depth(), 1);
     }
 
     /// Where there are too few steps for trials, the first shape is taken as it is.

@@ -29,7 +29,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{Blocking, FastestBlocking, MOST_LEVELS, RecurrenceSteps};
+use crate::matrix::blocking::{FastestBlocking, MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};
@@ -229,7 +229,7 @@ impl Chebyshev {
             let steps = RecurrenceSteps { levels: &self.levels, couplings };
             let (y, x) = (&mut self.previous, &mut self.current);
             let began = Instant::now();
-            matrix.steps(exchange, self.blocking.next(), &steps, y, x, start);
+            matrix.steps(exchange, self.blocking.current(), &steps, y, x, start);
             self.blocking.passed(levels, began.elapsed().as_secs_f64());
             left -= levels;
             if system.interruption.after(levels) {
@@ -280,7 +280,14 @@ impl Chebyshev {
             let vectors = [&mut self.previous, &mut self.current];
             let mut read = |level, rows, term: &[Lanes]| terms.read(level, rows, term);
             let began = Instant::now();
-            matrix.steps_and_read::<()>(exchange, blocking.next(), &steps, vectors, &[], &mut read);
+            matrix.steps_and_read::<()>(
+                exchange,
+                blocking.current(),
+                &steps,
+                vectors,
+                &[],
+                &mut read,
+            );
             blocking.passed(to - done, began.elapsed().as_secs_f64());
             if system.interruption.after(to - done) {
                 return Err(Error::Left);
@@ -359,8 +366,8 @@ impl Descriptor for ChebyshevMethod {
         vec![
             NamedBytes::new(format!("batch of {LANES} modes"), batch),
             NamedBytes::new(
-                "orders of two blockings",
-                2 * Blocking::most_bytes(share.rows, velocities),
+                "orders of blocked steps",
+                FastestBlocking::most_bytes(share.rows, velocities),
             ),
         ]
     }

@@ -192,7 +192,7 @@ impl Descriptor for ImplicitMethod {
         let &MatrixShare { rows, length, entries, .. } = share;
         let vectors = vectors(share.mesh.blocks() > 1) as u64;
         let batch = 2 * size_of::<Lanes>() as u64 * rows;
-        let factors = 60 * entries + (factor_bytes(share) * rows as f64) as u64;
+        let factors = 24 * entries + (factor_bytes(share) * rows as f64) as u64;
         vec![
             NamedBytes::new(format!("batch of {LANES} modes"), batch),
             NamedBytes::new("vectors of the solver", vectors * 16 * length),

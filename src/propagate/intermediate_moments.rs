@@ -12,7 +12,7 @@
 //! the sum of the terms, which takes a third vector.
 
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{Blocking, FastestBlocking, MOST_LEVELS};
+use crate::matrix::blocking::{FastestBlocking, MOST_LEVELS};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MomentsOf;
 use crate::matrix::terms::TermRows;
@@ -83,7 +83,7 @@ impl<'a> IntermediateMoments<'a> {
         let space = &share.case.space;
         let (moments, velocities) = (space.dimension() as u64 + 2, space.velocity_cells());
         // A tile has all velocities.
-        let order = 2 * Blocking::bytes_of(share.rows, velocities as u64);
+        let order = FastestBlocking::bytes_of(share.rows, velocities as u64);
         8 * LANES as u64 * times * (largest_degree + 1 + points * moments)
             + 8 * points * velocities as u64
             + size_of::<Lanes>() as u64 * share.length

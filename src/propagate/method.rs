@@ -118,7 +118,7 @@ pub struct PropagatorSetting {
     pub propagation: Propagation,
     /// Largest work of a mode, see [`Descriptor::work`].
     pub largest_work: usize,
-    /// Applications to whole batches that a rank does in all, at least; or solves.
+    /// Applications to whole batches that a rank with modes does in a whole run, about; or solves.
     pub applications: usize,
     /// Whether the space is split between ranks.
     pub split: bool,

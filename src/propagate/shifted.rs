@@ -33,12 +33,13 @@ pub const REFINEMENTS: usize = 2;
 /// Largest number of iterations for a system.
 const MOST_ITERATIONS: usize = 3000;
 
-/// Peak bytes a row of the factors and their workspace, from measurements on grids of one to three
-/// dimensions (docs/numerics.md). Not a bound; it is up to four times too large.
+/// Peak bytes a row of the factors and their workspace beside the entries of the matrix, from
+/// measurements on grids of one to three dimensions and elements (docs/reliability.md). Not a
+/// bound; it is up to three times too large.
 ///
 /// The coupled unknowns form a grid of the x-axes, and of the v-axes along which a force acts. The
-/// fill-in is small for one axis, grows like the `log` of the grid for two, and like its largest
-/// separator for more.
+/// fill-in is small for one axis. For two it grows with the shorter one, for more with the largest
+/// separator. Elements with a force have the more fill-in, the more nodes they have.
 pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
     let MatrixShare { case, bounds, mesh, .. } = share;
     let x = case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p));
@@ -46,16 +47,18 @@ pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
     if bounds.forces {
         lengths.extend(case.space.v.iter().map(|a| a.cells as f64));
     }
-    let points: f64 = lengths.iter().product();
+    let nodes = case.space.x.iter().map(|axis| axis.nodes.degree + 1).max().unwrap_or(1) as f64;
+    let within = if bounds.forces { nodes } else { 1.0 };
     let longest = lengths.iter().copied().fold(1.0, f64::max);
+    let across = lengths.iter().product::<f64>() / longest;
     let fill = match lengths.len() {
         1 => 0.0,
-        2 => 400.0 * points.log2(),
-        _ => 56.0 * points / longest,
+        2 => 190.0 * across.powf(0.6) * (2.0 - across / longest) * within,
+        _ => 65.0 * across * 0.5 * (within + 1.0),
     };
     // Jumps couple velocities along a face.
-    let jumps = if bounds.jumps && case.space.dimension() > 1 { 1500.0 } else { 0.0 };
-    500.0 + jumps + fill
+    let jumps = if bounds.jumps && case.space.dimension() > 1 { 1100.0 } else { 0.0 };
+    200.0 + jumps * nodes * nodes + fill
 }
 
 /// Solves with `M`, for one `a` and `μ` at a time.

@@ -117,10 +117,10 @@ fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> FileRe
     if cells == 1 {
         return Ok(());
     }
-    let elements = cells / (degree as usize + 1);
-    let found = [("degree", degree as usize), ("cells", elements)];
-    let expected = [axis.nodes.degree, axis.elements()];
-    for ((what, found), expected) in found.into_iter().zip(expected) {
+    let own = axis.nodes.degree;
+    let found = [("degree", degree), ("cells", (cells / (own + 1)) as u64)];
+    let expected = [own, axis.elements()];
+    for ((what, found), expected) in found.into_iter().zip(expected.map(|number| number as u64)) {
         if found != expected {
             return Err(format!("{what} along {name}: {found} there, {expected} in the case"));
         }

@@ -2,8 +2,8 @@
 
 use crate::checkpoint::{Fault, OFTEN, generations, with_fault};
 use crate::support::{
-    Job, Summary, at_most, case, check_all, datasets, differences, directory, directory_on_disk,
-    distance, field, near, of_case, run,
+    Job, Summary, at_most, case, change_hdf5, check_all, datasets, differences, directory,
+    directory_on_disk, distance, field, near, of_case, run,
 };
 use std::fs;
 use std::path::Path;
@@ -256,6 +256,18 @@ fn what_cannot_go_on_is_refused() {
     let file = format!("initial.field={}", damaged.path().join("result.h5").display());
     let job = run("example1.toml").set(&small).set(&[&file, start, "time.end=0.5"]);
     job.on(2).into(place.path()).is_refused(&["/f is not as it was written"]).unwrap();
+    // A degree that no file of a run has.
+    let foreign = directory();
+    let file = foreign.path().join("result.h5");
+    fs::copy(path.join("result.h5"), &file).unwrap();
+    change_hdf5(&file, |file| {
+        let axis = file.dataset("axis/x")?;
+        axis.new_attr::<u64>().create("degree")?.write_scalar(&u64::MAX)
+    })
+    .unwrap();
+    let file = format!("initial.field={}", file.display());
+    let job = run("example1.toml").set(&small).set(&[&file, start, "time.end=0.5"]);
+    job.into(place.path()).is_refused(&["degree along x: 18446744073709551615 there"]).unwrap();
     // A checkpoint counts, not a directory of this name.
     let checkpoint = path.join("checkpoint/000001");
     fs::create_dir_all(&checkpoint).unwrap();

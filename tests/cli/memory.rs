@@ -95,7 +95,7 @@ fn runs_take_the_planned_memory() {
     });
 }
 
-/// The planned memory of sparse factors is an estimate: between about what they take and several
+/// The planned memory of sparse factors is an estimate: between about what they take and three
 /// times as much.
 #[test]
 fn factors_take_no_more_memory_than_planned() {
@@ -105,6 +105,12 @@ fn factors_take_no_more_memory_than_planned() {
     let implicit = "solver.propagator={method='crank-nicolson',step=0.02}";
     let line = ["axis.0.x.cells=160", "axis.0.v.cells=150"];
     let plane = ["axis.0.x.cells=16", "axis.1.x.cells=16"];
+    let elements = ["axis.0.x.cells=20", "axis.0.v.cells=20", "scheme.degree=5"];
+    let strip = ["axis.0.x.cells=10", "axis.0.v.cells=120", "scheme.degree=3"];
+    let plane_elements = [
+        "axis.0.x.cells=6", "axis.0.v.cells=4", "axis.1.x.cells=6", "axis.1.v.cells=4",
+        "scheme.degree=2",
+    ];
     let sloped = [
         "axis.0.x.cells=8",
         "potential.0.value='0.2+0.1*x-0.1*y'",
@@ -114,7 +120,10 @@ fn factors_take_no_more_memory_than_planned() {
         ("example1.toml", &line, 1),
         ("slope_jump.toml", &line, 1),
         ("slope_jump.toml", &line, 2),
+        ("slope_jump.toml", &elements, 1),
+        ("slope_jump.toml", &strip, 1),
         ("barrier2d.toml", &plane, 1),
+        ("barrier2d.toml", &plane_elements, 1),
         ("barrier2d.toml", &sloped, 2),
     ];
     check_all(rows, |(name, size, ranks)| {
@@ -126,7 +135,8 @@ fn factors_take_no_more_memory_than_planned() {
         let planned = summary.number("memory_planned_bytes_per_rank")?;
         let planned = planned - program_file_bytes(*ranks) as f64;
         let arrays = (planned - base) / (peak - base);
-        summary.require((0.75..=6.0).contains(&arrays), || {
+        println!("{name} {size:?} on {ranks}: planned {planned:e}, a factor {arrays:.2}");
+        summary.require((0.85..=3.0).contains(&arrays), || {
             format!(
                 "planned {planned:e}, peak {peak:e}, program {base:e}: \
                  arrays by a factor {arrays:.2}"

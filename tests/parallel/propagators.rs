@@ -160,14 +160,23 @@ fn chebyshev_series(
         BatchSpec { modes: LANES, wavenumbers: WAVENUMBERS, tolerances: [tolerance; LANES], work };
     let matrix = &weighted.prepared.system.matrix;
     let shape = BlockingShape { depth: 5, width: 2, parts: 2 };
-    let blocking = Blocking::possible(matrix).then(|| Blocking::new(matrix, &shape));
-    let mut plain = Chebyshev::blocked(matrix, most, FastestBlocking::of(vec![None]));
-    let mut blocked = Chebyshev::blocked(matrix, most, FastestBlocking::of(vec![blocking, None]));
+    let blocking = |depth| {
+        let shape = BlockingShape { depth, ..shape };
+        Blocking::possible(matrix).then(|| Blocking::new(matrix, &shape))
+    };
+    // Blocked steps alone, and candidates in another order and of other depths on each rank.
+    let rank = weighted.prepared.communicator.world.rank();
+    let mut mixed = vec![blocking(2 + rank), None, blocking(7 - rank)];
+    mixed.rotate_left(rank % 3);
+    let [mut plain, mut blocked, mut mixed] = [vec![None], vec![blocking(5)], mixed]
+        .map(|all| Chebyshev::blocked(matrix, most, FastestBlocking::of(all)));
     let found = propagate(weighted, &mut plain, &batch, time);
     assert!(found.step_errors.is_empty() && found.report.solves == 0);
     assert_eq!(found.report.applications, work.iter().sum::<usize>());
-    let same = propagate(weighted, &mut blocked, &batch, time).states == found.states;
-    assert!(same, "{name}: blocked");
+    for (way, chebyshev) in [("blocked", &mut blocked), ("mixed", &mut mixed)] {
+        let same = propagate(weighted, chebyshev, &batch, time).states == found.states;
+        assert!(same, "{name}: {way}");
+    }
     passing_times(weighted, &mut plain, &batch, name, time);
     for l in 0..LANES {
         let (error, change) = (found.error(l, &reference[l]), found.change_of_norm(l));
@@ -206,7 +215,7 @@ fn passing_times(
     let whole = chebyshev.state()[..matrix.rows()].to_vec();
     let read = [None, blocking].map(|blocking| {
         let mut passed = IntermediateMoments::new(matrix, &moments, 2, most, most)
-            .blocked(FastestBlocking::of(vec![blocking, None]));
+            .blocked(FastestBlocking::of(vec![blocking]));
         let weights = std::array::from_fn(|l| Complex64::cis(0.3 * l as f64));
         passed.begin(&[0.2 * time, 0.9 * time], &weights);
         let report = chebyshev.propagate_past(evolution, batch, start, &mut passed);
