@@ -228,15 +228,20 @@ impl FastestBlocking {
     /// The candidates for `matrix` on this machine and so many `steps` in all; for few steps the
     /// shape for the last-level cache alone.
     pub fn planned(matrix: &BlockMatrix, steps: usize) -> Self {
+        Self::planned_for(matrix, steps, Caches::here())
+    }
+
+    /// The same for a machine with these caches.
+    pub fn planned_for(matrix: &BlockMatrix, steps: usize, caches: Caches) -> Self {
         let parts = matrix.independent_velocities();
-        Self::of_shapes(matrix, steps, &Self::shapes(matrix, BYTES_PER_ROW, parts))
+        Self::of_shapes(matrix, steps, &Self::shapes(matrix, caches, BYTES_PER_ROW, parts))
     }
 
     /// The same for steps whose results are read at once and added to a third vector. A tile then
     /// has all velocities.
     pub fn planned_to_read(matrix: &BlockMatrix, steps: usize) -> Self {
         let bytes = BYTES_PER_ROW + size_of::<Lanes>() as f64;
-        Self::of_shapes(matrix, steps, &Self::shapes(matrix, bytes, 1))
+        Self::of_shapes(matrix, steps, &Self::shapes(matrix, Caches::here(), bytes, 1))
     }
 
     /// The fastest of `candidates`, which are not empty.
@@ -248,15 +253,18 @@ impl FastestBlocking {
     /// The shapes of least modelled time, without repetition: with the last-level cache first, then
     /// as if it were as slow as memory; `None` for single steps. `vectors` are the bytes of vectors
     /// for a row, and a tile has one of at most `most_parts` parts of the velocities.
-    fn shapes(matrix: &BlockMatrix, vectors: f64, most_parts: usize) -> Vec<Option<BlockingShape>> {
+    fn shapes(
+        matrix: &BlockMatrix,
+        caches: Caches,
+        vectors: f64,
+        most_parts: usize,
+    ) -> Vec<Option<BlockingShape>> {
         if !Blocking::possible(matrix) {
             return vec![None];
         }
-        let own = cache_per_core() as f64;
-        let of_a_core =
-            [SHARE, LARGER_SHARE].map(|share| Caches { own: share * own, last: share * own });
+        let of_a_core = Caches { last: caches.own, ..caches };
         let mut shapes = Vec::new();
-        for caches in [Caches::here()].into_iter().chain(of_a_core) {
+        for caches in [caches.part(SHARE), of_a_core.part(SHARE), of_a_core.part(LARGER_SHARE)] {
             let shape = BlockingShape::planned(matrix, caches, vectors, most_parts);
             if !shapes.contains(&shape) {
                 shapes.push(shape);
@@ -322,20 +330,24 @@ impl FastestBlocking {
     }
 }
 
-/// Bytes of the caches that vectors may fill.
+/// Bytes of the caches of a core.
 #[derive(Clone, Copy, Debug)]
-struct Caches {
-    /// The cache of a core alone.
-    own: f64,
-    /// A core's share of the last-level cache.
-    last: f64,
+pub struct Caches {
+    /// The cache of the core alone.
+    pub own: f64,
+    /// The core's share of the last-level cache.
+    pub last: f64,
 }
 
 impl Caches {
     /// The caches of this machine.
-    fn here() -> Self {
-        let [own, last] = [cache_per_core(), last_cache_per_core()].map(|c| SHARE * c as f64);
-        Self { own, last }
+    pub fn here() -> Self {
+        Self { own: cache_per_core() as f64, last: last_cache_per_core() as f64 }
+    }
+
+    /// The part of them that vectors may fill.
+    fn part(self, share: f64) -> Self {
+        Self { own: share * self.own, last: share * self.last }
     }
 }
 
@@ -755,7 +767,7 @@ mod tests {
     /// The shape for a core with 1 MiB of its own and 16 MiB of the last-level cache.
     fn planned(degree: usize, elements: usize) -> Option<[usize; 3]> {
         let matrix = matrix(degree, elements);
-        let caches = Caches { own: SHARE * 1048576.0, last: SHARE * 16777216.0 };
+        let caches = Caches { own: 1048576.0, last: 16777216.0 }.part(SHARE);
         let parts = matrix.independent_velocities();
         let shape = BlockingShape::planned(&matrix, caches, BYTES_PER_ROW, parts)?;
         Some([shape.depth, shape.width, shape.parts])

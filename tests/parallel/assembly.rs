@@ -3,14 +3,17 @@
 
 use crate::bits::report_bits;
 use crate::dense_twins::Twin;
-use crate::pieces::{Piece, Weighted, for_every_piece};
-use crate::support::dense::{assert_close, assert_same, noise};
+use crate::pieces::{Piece, Weighted, for_every_piece, meshes};
+use crate::support::dense::{assert_close, assert_same, case, noise};
+use crate::support::prepared::block_of;
 use num_complex::Complex64;
-use phasewarp::matrix::block_matrix::Operator;
-use phasewarp::matrix::blocking::{Blocking, BlockingShape, RecurrenceSteps};
+use phasewarp::matrix::block_matrix::{BlockMatrix, Operator};
+use phasewarp::matrix::blocking::{
+    Blocking, BlockingShape, Caches, FastestBlocking, MOST_LEVELS, RecurrenceSteps,
+};
 use phasewarp::matrix::kernel::{InstructionSet, LineStep};
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
-use phasewarp::parallel::communicator::{Communicator, World};
+use phasewarp::parallel::communicator::{Communicator, GhostExchange, World};
 use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::problem::case::Embedding;
 
@@ -216,24 +219,114 @@ pub fn blocked_steps(world: &World) {
         }
         let couplings: Vec<f64> = (0..piece.matrix.inflow.len()).map(|m| noise(m, 6)).collect();
         for couplings in [None, Some(&couplings[..])] {
+            let bits = |piece: &mut Piece,
+                        blocking: Option<&Blocking>,
+                        levels: &[StepConstants]| {
+                let (matrix, exchange) = (&piece.matrix, &mut piece.exchange);
+                bits_of_steps(matrix, exchange, blocking, &RecurrenceSteps { levels, couplings })
+            };
             for (depth, width, parts) in shapes {
                 let shape = BlockingShape { depth, width, parts };
                 let blocking = Blocking::new(&piece.matrix, &shape);
                 for levels in [&levels[..depth], &levels[..depth - 1]] {
-                    let found = bits_of_steps(piece, Some(&blocking), levels, couplings);
-                    let same = found == bits_of_steps(piece, None, levels, couplings);
+                    let found = bits(piece, Some(&blocking), levels);
+                    let same = found == bits(piece, None, levels);
                     let steps = levels.len();
                     assert!(same, "{} {mesh:?} {shape:?}, {steps} steps", twin.name);
                     blocked += 1;
                 }
             }
             // Control: fewer steps give another result.
-            let [all, fewer] = [LEVELS, LEVELS - 2]
-                .map(|steps| bits_of_steps(piece, None, &levels[..steps], couplings));
+            let [all, fewer] =
+                [LEVELS, LEVELS - 2].map(|steps| bits(piece, None, &levels[..steps]));
             assert!(all != fewer);
         }
     });
     assert!(blocked > 0);
+}
+
+/// The candidates that are planned for small caches give the same bits as single steps: ranges of
+/// velocities, elements with a force in few cells or everywhere, other candidates on each rank.
+pub fn planned_blockings(world: &World) {
+    let settings = |degree: usize, potential: &str| {
+        vec![format!("scheme.degree={degree}"), format!("potential=[{potential},{{value='0'}}]")]
+    };
+    let line = |degree: usize, [x, v]: [usize; 2], potential: &str| {
+        let cells = [format!("axis.0.x.cells={x}"), format!("axis.0.v.cells={v}")];
+        ("example1.toml", [settings(degree, potential), cells.to_vec()].concat())
+    };
+    let plane = |degree: usize, potential: &str| {
+        let cells = [("0.x", 9), ("0.v", 6), ("1.x", 5), ("1.v", 6)];
+        let cells = cells.map(|(axis, cells)| format!("axis.{axis}.cells={cells}"));
+        ("barrier2d.toml", [settings(degree, potential), cells.to_vec()].concat())
+    };
+    let [step, few] = ["{where='x < 0',value='0.2'}", "{where='x < -0.9',value='x + 0.9'}"];
+    let cases = [
+        line(0, [41, 130], step),
+        line(2, [23, 46], step),
+        line(8, [22, 15], few),
+        line(3, [31, 31], few),
+        line(3, [20, 18], "{where='x < 2',value='x^2'}"),
+        plane(0, few),
+        plane(2, few),
+    ];
+    let levels: Vec<StepConstants> = (0..2 * MOST_LEVELS as u64).map(constants_of_level).collect();
+    let mut found = [0; 3];
+    for (name, settings) in cases {
+        let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+        let case = case(name, &settings);
+        for mesh in meshes(world, &case) {
+            let communicator = Communicator::new(world, &mesh);
+            let block = block_of(&case, &mesh, &communicator);
+            let mut matrix = BlockMatrix::assemble(&case, block).expect("formulas are finite");
+            matrix.gather_elements();
+            let mut exchange = GhostExchange::new(&communicator.space, &matrix.block, 2 * LANES);
+            let mut steps = |blocking: Option<&Blocking>| {
+                let steps = RecurrenceSteps { levels: &levels, couplings: None };
+                bits_of_steps(&matrix, &mut exchange, blocking, &steps)
+            };
+            let single = steps(None);
+            for own in [16e3, 64e3, 256e3] {
+                for last in [own, 8.0 * own] {
+                    let planned =
+                        FastestBlocking::planned_for(&matrix, 1 << 20, Caches { own, last });
+                    let blockings = planned.all().iter().flatten();
+                    found[0] += blockings.clone().count();
+                    found[1] += usize::from(blockings.clone().count() > 1);
+                    found[2] += blockings.filter(|b| b.shape().parts > 1).count();
+                    // Ranks have different candidates, and take as many steps with each.
+                    for blocking in planned.all().iter().cycle().take(4) {
+                        let shape = blocking.as_ref().map(Blocking::shape);
+                        let same = steps(blocking.as_ref()) == single;
+                        assert!(same, "{name} {settings:?} {mesh:?}, {own} bytes: {shape:?}");
+                    }
+                }
+            }
+        }
+    }
+    assert!(found.iter().all(|count| *count > 0), "{found:?}");
+}
+
+/// The bits of two vectors after `steps`, in passes of the depth of `blocking`.
+fn bits_of_steps(
+    matrix: &BlockMatrix,
+    exchange: &mut GhostExchange,
+    blocking: Option<&Blocking>,
+    steps: &RecurrenceSteps<'_>,
+) -> [Vec<[u64; 2 * LANES]>; 2] {
+    let rows = matrix.rows();
+    let value = |i, seed| Lanes(std::array::from_fn(|l| noise(i, 100 * seed + l as u64)));
+    let [mut y, mut x] = [1u64, 2].map(|seed| {
+        let mut vector: Vec<Lanes> = (0..rows).map(|i| value(i, seed)).collect();
+        vector.resize(matrix.length(), Lanes([f64::NAN; 2 * LANES]));
+        vector
+    });
+    let start: Vec<f64> = (0..rows).map(|i| noise(i, 5)).collect();
+    for levels in steps.levels.chunks(blocking.map_or(steps.levels.len(), Blocking::depth)) {
+        let steps = RecurrenceSteps { levels, ..*steps };
+        matrix.steps(exchange, blocking, &steps, &mut y, &mut x, &start);
+    }
+    [y, x].map(|v| v[..rows].iter().map(|row| row.0.map(f64::to_bits)).collect())
 }
 
 fn constants_of_level(level: u64) -> StepConstants {
@@ -244,21 +337,4 @@ fn constants_of_level(level: u64) -> StepConstants {
         wavenumber: lane(3),
         coefficient: lane(4),
     }
-}
-
-/// The bits of `y` and `x` after the steps of `levels`.
-fn bits_of_steps(
-    piece: &mut Piece,
-    blocking: Option<&Blocking>,
-    levels: &[StepConstants],
-    couplings: Option<&[f64]>,
-) -> [Vec<[u64; 2 * LANES]>; 2] {
-    let rows = piece.matrix.rows();
-    let value = |i, seed| std::array::from_fn(|l| noise(i, 100 * seed + l as u64));
-    let [mut y, mut x] = [1u64, 2].map(|seed| piece.batch(|i| value(i, seed)));
-    let start: Vec<f64> = (0..rows).map(|i| noise(i, 5)).collect();
-    let steps = RecurrenceSteps { levels, couplings };
-    let exchange = &mut piece.exchange;
-    (piece.matrix).steps(exchange, blocking, &steps, &mut y, &mut x, &start);
-    [y, x].map(|v| v[..rows].iter().map(|row| row.0.map(f64::to_bits)).collect())
 }

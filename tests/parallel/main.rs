@@ -82,6 +82,7 @@ checks! {
     assembly::adjoint on EVERY;
     assembly::one_step on EVERY;
     assembly::blocked_steps on EVERY;
+    assembly::planned_blockings on EVERY;
     propagators::chebyshev_propagation on EVERY;
     propagators::krylov_propagation on EVERY;
     propagators::orders_of_the_implicit_methods on EVERY;
