@@ -129,6 +129,8 @@ struct Input {
     changes: Vec<Change>,
     /// Who reads it.
     reader: FileReader,
+    /// Whether an accepted result is drawn, which takes longer.
+    drawn: bool,
 }
 
 /// A file of a run.
@@ -223,10 +225,10 @@ fn replace(
         Kind::Bytes => put(file, name, shape, values, |v| v as u8),
         Kind::Switches => put(file, name, shape, values, |v| v > 0.0),
         Kind::Texts => put(file, name, shape, values, |v| {
-            FixedAscii::<8>::from_ascii(&format!("{v:.1}")).unwrap_or_default()
+            FixedAscii::<8>::from_ascii(&format!("{v:.1e}")).unwrap_or_default()
         }),
         Kind::LongTexts => put(file, name, shape, values, |v| {
-            VarLenUnicode::from_str(&v.to_string()).unwrap_or_default()
+            VarLenUnicode::from_str(&format!("{v:e}")).unwrap_or_default()
         }),
         Kind::Group => file.create_group(name).map(drop),
     }
@@ -312,8 +314,6 @@ struct Files {
     world: World,
     /// Cases that start from the file as a field, as a warped field, and from its table.
     cases: [Case; 3],
-    /// The number of accepted results, some of which are drawn.
-    accepted: usize,
 }
 
 /// The index of the original that is a warped field.
@@ -342,13 +342,12 @@ impl Files {
 
     /// Calls a reader of the file and returns whether it accepts the file. An error without a
     /// message or exit code is a fault.
-    fn read_by(&mut self, reader: FileReader) -> Result<bool, String> {
+    fn read_by(&self, reader: FileReader, drawn: bool) -> Result<bool, String> {
         let (path, world) = (self.place.path().join("result.h5"), self.world.group());
         let [field, warped, table] = &self.cases;
         let outcome = match reader {
             FileReader::Result => untrusted::open(self.place.path()).map(|stored| {
-                self.accepted += 1;
-                if self.accepted.is_multiple_of(20) {
+                if drawn {
                     // Pictures are drawn if possible; a refusal concerns one figure.
                     let _ = pictures::draw(&stored, None, &[]);
                 }
@@ -405,7 +404,6 @@ impl Reader for Files {
             cases: ["field", "", "table"].map(|key| Self::case(key, &path)),
             place,
             world: World::start().expect("MPI starts"),
-            accepted: 0,
         }
     }
 
@@ -419,7 +417,7 @@ impl Reader for Files {
             WARPED if !random.once_in(4) => FileReader::WarpedField,
             _ => *random.of_list(&READERS),
         };
-        Input { file, changes, reader }
+        Input { file, changes, reader, drawn: random.once_in(20) }
     }
 
     fn read(&mut self, input: &Input) -> Result<bool, String> {
@@ -434,7 +432,7 @@ impl Reader for Files {
             }
             Ok(())
         })?;
-        self.read_by(input.reader)
+        self.read_by(input.reader, input.drawn)
     }
 }
 
