@@ -27,6 +27,33 @@ use crate::problem::grid::PhaseSpace;
 use crate::scheme::rows::{Row, Scheme};
 use std::ops::Range;
 
+/// Memory of an assembly, as measured while it is done.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AssemblySize {
+    /// Largest number of contributions to a row, on average over a layer.
+    pub contributions_per_row: f64,
+    /// Bytes of the rows before they are weighted and elements are gathered.
+    pub bytes: usize,
+    /// Most bytes while rows are replaced by others: of both.
+    pub changed_bytes: usize,
+}
+
+impl AssemblySize {
+    /// Notes that `new` rows were made from `old` ones.
+    pub(crate) fn add_change(&mut self, old: &Rows, new: &Rows) {
+        let both = old.bytes() + new.bytes() + Rows::bytes_to_find_equal(new.templates());
+        self.changed_bytes = self.changed_bytes.max(both);
+    }
+}
+
+/// Bytes of the layers that are collected and sorted at a time, on a block with `layers` layers of
+/// `rows` rows, with so many contributions to a row.
+pub fn layer_bytes(layers: u64, rows: u64, contributions_per_row: f64) -> u64 {
+    // Up to three layers are collected, and one is sorted.
+    let stored = (layers.min(3) + 1) * rows;
+    (stored as f64 * contributions_per_row * size_of::<Contribution>() as f64) as u64
+}
+
 /// The contribution of a row of `A` to row `row` of a layer.
 #[derive(Clone, Copy)]
 struct Contribution {
@@ -344,7 +371,7 @@ fn collect_layers(
 }
 
 /// The rows of `block`, layer by layer, then those of its auxiliary unknowns. Rows that are coupled
-/// to an auxiliary unknown have an entry for it, zero so far.
+/// to an auxiliary unknown have an entry for it, zero so far. Also returns the memory it took.
 fn rows_by_layers(
     case: &Case,
     scheme: &Scheme<'_>,
@@ -352,7 +379,7 @@ fn rows_by_layers(
     equal_rows: &CellsWithEqualRows,
     inflow: &InflowRows,
     row: &mut Row,
-) -> Rows {
+) -> (Rows, AssemblySize) {
     let rows = block.cells() + inflow.unknowns();
     let layers = Layers::new(&case.space, block, equal_rows, rows);
     // Time-dependent couplings are not stored in the matrix.
@@ -361,8 +388,9 @@ fn rows_by_layers(
     let mut coupled = coupled.filter(|(_, aux)| enters_at(aux)).peekable();
     let mut builder = RowsBuilder::with_capacity(rows);
     let mut sorter = Sorter::default();
-    let mut done = 0;
+    let (mut done, mut most) = (0, 0);
     collect_layers(&case.space, scheme, block, &layers, row, |layer| {
+        most = most.max(layer.len());
         sorter.drain(layer, layers.local_size, |entries| {
             if let Some((m, _)) = coupled.next_if(|(_, aux)| aux.row as usize == done) {
                 let column = block.cells() + if inflow.shared { 0 } else { m };
@@ -384,7 +412,10 @@ fn rows_by_layers(
             builder.push(if enters_at(aux) { &entry } else { &[] });
         }
     }
-    builder.finish()
+    let contributions_per_row = most as f64 / layers.local_size.max(1) as f64;
+    let rows = builder.finish();
+    let bytes = rows.bytes() + Rows::bytes_to_find_equal(rows.templates());
+    (rows, AssemblySize { contributions_per_row, bytes, changed_bytes: bytes })
 }
 
 impl BlockMatrix {
@@ -399,10 +430,11 @@ impl BlockMatrix {
         // Auxiliary unknowns are numbered before the ghosts, so their count must be known first.
         let equal_rows = CellsWithEqualRows::new(case, &scheme, &block, &mut row);
         let inflow = inflow_rows(case, &scheme, &block, &equal_rows, &mut row);
-        let rows = rows_by_layers(case, &scheme, &block, &equal_rows, &inflow, &mut row);
+        let (rows, size) = rows_by_layers(case, &scheme, &block, &equal_rows, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;
         let velocity_lines = VelocityLines::new(&case.space, &block, scheme.potential(), case.flux);
         let mut this = Self::new(block, rows, inflow);
+        this.assembly = size;
         this.velocity_lines = velocity_lines;
         this.by_elements = case.is_galerkin();
         this.first_axis_nodes = case.space.x[0].nodes.count();
@@ -447,7 +479,7 @@ mod tests {
                     let inflow = inflow_rows(&case, &scheme, &block, &equal_rows, &mut row);
                     repeated +=
                         (0..block.cells()).filter(|i| equal_rows.earlier(*i).is_some()).count();
-                    rows_by_layers(&case, &scheme, &block, &equal_rows, &inflow, &mut row)
+                    rows_by_layers(&case, &scheme, &block, &equal_rows, &inflow, &mut row).0
                 });
                 assert_eq!((found.len(), found.reach()), (all.len(), all.reach()), "{name}");
                 for i in 0..all.len() {

@@ -11,6 +11,7 @@
 
 mod couplings;
 
+use crate::matrix::assembly::AssemblySize;
 use crate::matrix::bundles::{Bundles, WIDTH};
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::kernel::{InstructionSet, LineStep, Vectorized};
@@ -84,6 +85,8 @@ pub struct BlockMatrix {
     /// Initial value of an auxiliary unknown without couplings.
     pub(crate) uncoupled: f64,
     pub(crate) rows: Rows,
+    /// Memory of the assembly.
+    pub(crate) assembly: AssemblySize,
     /// Lines that are applied to real vectors together.
     pub(crate) bundles: Bundles,
     /// Runs of lines of `rows` without ghost columns.
@@ -110,6 +113,7 @@ impl BlockMatrix {
             inflow_rows: 0,
             uncoupled: 0.0,
             rows,
+            assembly: AssemblySize::default(),
             bundles: Bundles::default(),
             interior: Vec::new(),
             border: Vec::new(),
@@ -146,7 +150,11 @@ impl BlockMatrix {
             let cells = self.block.cells();
             let stride = cells / self.block.ranges[0].len();
             let velocity_lines = std::mem::take(&mut self.velocity_lines);
-            self.rows = self.rows.gathered(RowLines { nodes, stride, cells }, velocity_lines);
+            if !velocity_lines.is_empty() {
+                self.replace_rows(self.rows.without(&velocity_lines));
+            }
+            let lines = RowLines { nodes, stride, cells };
+            self.replace_rows(self.rows.gathered(lines, velocity_lines));
             self.find_border();
         }
         self.bundle();
@@ -214,6 +222,11 @@ impl BlockMatrix {
         &self.rows
     }
 
+    /// Memory that the assembly took.
+    pub fn assembly_size(&self) -> AssemblySize {
+        self.assembly
+    }
+
     /// Bytes of the rows.
     pub fn bytes(&self) -> usize {
         self.rows.bytes() + self.bundles.bytes()
@@ -232,7 +245,7 @@ impl BlockMatrix {
     pub fn scale(&mut self, pi: &[f64]) {
         self.bundles = Bundles::default();
         let plain = |i: usize| self.rows.row(i).all(|(j, ..)| pi[j] == pi[i]);
-        self.rows = self.rows.changed(plain, |i, entries| {
+        self.replace_rows(self.rows.changed(plain, |i, entries| {
             for (column, s, k) in entries {
                 let j = *column as usize;
                 if i == j {
@@ -244,7 +257,13 @@ impl BlockMatrix {
                 *s = 0.5 * (forward + back);
                 *k = 0.5 * (forward - back);
             }
-        });
+        }));
+    }
+
+    /// Replaces the rows, and notes the memory of both.
+    pub(crate) fn replace_rows(&mut self, rows: Rows) {
+        self.assembly.add_change(&self.rows, &rows);
+        self.rows = rows;
     }
 
     /// The products of lines with a real vector.

@@ -113,6 +113,12 @@ pub struct Bounds {
 pub struct AssembledSize {
     /// Bytes of the matrix for each of its rows.
     pub bytes_per_row: f64,
+    /// The same before rows are weighted and elements are gathered.
+    pub bytes_per_row_before: f64,
+    /// The same for old and new rows while that is done.
+    pub changed_bytes_per_row: f64,
+    /// Contributions to a row that are collected while the matrix is assembled.
+    pub contributions_per_row: f64,
     /// Rows with inflow for each cell of the block.
     pub inflow_rows_per_cell: f64,
 }

@@ -151,7 +151,7 @@ impl BlockMatrix {
         coupled.clone().for_each(|aux| is_plain[aux.row as usize] = false);
         let plain = |i: usize| is_plain.get(i).is_some_and(|is_plain| *is_plain);
         self.bundles = Bundles::default();
-        self.rows = self.rows.changed(plain, |i, entries| {
+        let rows = self.rows.changed(plain, |i, entries| {
             let (sign, aux) = match i.checked_sub(cells) {
                 None => (1.0, coupled.next_if(|aux| aux.row as usize == i)),
                 Some(m) => (-1.0, (!self.shared).then(|| &self.inflow[m])),
@@ -160,6 +160,7 @@ impl BlockMatrix {
                 (*s, *k) = (0.5 * aux.coupling, 0.5 * sign * aux.coupling);
             }
         });
+        self.replace_rows(rows);
     }
 
     /// The unweighted auxiliary unknowns of field number `k` at time zero; zero if the field has no

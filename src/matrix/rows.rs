@@ -100,6 +100,13 @@ impl Rows {
         stored + self.velocity_lines.bytes()
     }
 
+    /// Bytes of the table in which equal rows are searched while so many different ones are built.
+    pub(crate) fn bytes_to_find_equal(templates: usize) -> usize {
+        // A hash, a template and a control byte; an eighth of the table stays free. While it grows,
+        // a table of half the size is there, too.
+        17 * (templates.min(REMEMBERED) * 8 / 7).next_power_of_two() * 3 / 2
+    }
+
     /// The couplings along velocity axes.
     #[inline(always)]
     pub(crate) fn velocity_lines(&self) -> &VelocityLines {
@@ -219,16 +226,17 @@ impl Rows {
         builder.finish()
     }
 
-    /// Rows that are not gathered yet, gathered into `lines`, with the couplings of
-    /// `velocity_lines` taken out of their entries. Couplings between the nodes of a line whose `s`
+    /// Rows without the couplings of `velocity_lines`.
+    pub(crate) fn without(&self, velocity_lines: &VelocityLines) -> Self {
+        let unforced = |i: usize| velocity_lines.forced_at(i).next().is_none();
+        self.changed(unforced, |i, entries| velocity_lines.take_from(i, entries))
+    }
+
+    /// Rows that are not gathered yet, gathered into `lines`, beside the couplings of
+    /// `velocity_lines`, which they are [`without`](Self::without). Couplings between the nodes of a line whose `s`
     /// is only round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an element
     /// is skew but for its ends.
     pub(crate) fn gathered(&self, lines: RowLines, velocity_lines: VelocityLines) -> Self {
-        if !velocity_lines.is_empty() {
-            let unforced = |i: usize| velocity_lines.forced_at(i).next().is_none();
-            let apart = self.changed(unforced, |i, entries| velocity_lines.take_from(i, entries));
-            return Self { velocity_lines, ..apart.gathered(lines, VelocityLines::default()) };
-        }
         assert!(self.lines.nodes == 1 && (2..=MOST_NODES).contains(&lines.nodes));
         let mut gathered = Self {
             lines,

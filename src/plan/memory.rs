@@ -1,7 +1,8 @@
 //! Memory of a run on a rank, in bytes, before anything is allocated.
 
 use crate::base::memory::NamedBytes;
-use crate::matrix::bounds::Bounds;
+use crate::matrix::assembly::layer_bytes;
+use crate::matrix::bounds::{AssembledSize, Bounds};
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
@@ -99,8 +100,8 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
 }
 
 /// The arrays of the fullest rank, in bytes, if a rank has at most `most` modes. It is the largest
-/// of three lists: during the solve, while the error of the grid is estimated, and while results
-/// are expanded to the user's grid.
+/// of four lists: while the matrix is assembled, during the solve, while the error of the grid is
+/// estimated, and while results are expanded to the user's grid.
 pub(crate) fn arrays(
     case: &Case,
     bounds: &Bounds,
@@ -119,7 +120,8 @@ pub(crate) fn arrays(
     let bytes = |list: &Vec<NamedBytes>| -> u64 { list.iter().map(|a| a.bytes).sum() };
     let largest =
         [expanding, estimating, solving].into_iter().max_by_key(bytes).unwrap_or_default();
-    [rank.system(), largest].concat()
+    let running = [rank.system(), largest].concat();
+    [rank.assembling(), running].into_iter().max_by_key(bytes).unwrap_or_default()
 }
 
 /// The sizes of the fullest rank of a mesh.
@@ -182,28 +184,68 @@ impl<'a> FullestRank<'a> {
         self.cells / layers * largest_share(first, self.mesh)
     }
 
-    /// Arrays that exist during the whole run: matrix, states, inflow.
-    fn system(&self) -> Vec<NamedBytes> {
-        let (case, bounds, rows) = (self.case, self.bounds, self.rows());
-        let n = case.space.dimension() as u64;
-        // Equal rows are stored once: those of cells of one kind with neighbours of the same kinds.
-        // With weights all rows differ; with elements rows differ from node to node.
-        let nodes: u64 = case.space.x.iter().map(|a| a.nodes.count() as u64).product();
+    /// The program and its libraries.
+    fn program(&self) -> NamedBytes {
+        let ranks = self.mesh.ranks();
+        let allocated = PROGRAM_BYTES + u64::from(ranks > 1) * EXCHANGE_BYTES;
+        NamedBytes::new("program and libraries", allocated + program_file_bytes(ranks))
+    }
+
+    /// Arrays while the rows of the matrix are assembled, layer by layer along the first x-axis.
+    fn assembling(&self) -> Vec<NamedBytes> {
+        let first = &self.case.space.x[0];
+        let layers = (largest_part(first, self.mesh.space[0]) / first.nodes.count()).max(1) as u64;
+        let (contributions, before, changed) = match &self.bounds.assembled {
+            Some(found) => {
+                let AssembledSize { contributions_per_row, .. } = *found;
+                (contributions_per_row, found.bytes_per_row_before, found.changed_bytes_per_row)
+            }
+            None if self.case.is_galerkin() => {
+                let entries = entries_of_a_row(&self.case.space, self.bounds) as f64;
+                let each = self.stored_rows() as f64 / self.rows() as f64;
+                // Both an entry and that of the transpose, of which a part are at the same place.
+                (1.5 * entries, each, 2.0 * each)
+            }
+            // Equal rows are assembled once.
+            None => (0.0, 0.0, 0.0),
+        };
+        let [before, changed] = [before, changed].map(|each| (each * self.rows() as f64) as u64);
+        let sorted = layer_bytes(layers, self.cells / layers, contributions);
+        let more = sorted.max(changed.saturating_sub(before));
+        vec![
+            self.program(),
+            NamedBytes::new("rows of the matrix as they are assembled", before),
+            NamedBytes::new("layers of them, or weighted rows", more),
+            // Weights and the vectors with which they are found.
+            NamedBytes::new("weights", 4 * 8 * self.length()),
+        ]
+    }
+
+    /// Bytes of the rows of the matrix, before it is assembled: a bound for any weights. Equal rows
+    /// are stored once: those of cells of one kind with neighbours of the same kinds. With weights
+    /// all rows differ; with elements rows differ from node to node.
+    fn stored_rows(&self) -> u64 {
+        let (space, bounds, rows) = (&self.case.space, self.bounds, self.rows());
+        let n = space.dimension() as u64;
+        let nodes: u64 = space.x.iter().map(|a| a.nodes.count() as u64).product();
         let around = nodes * (bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32));
         let distinct = match bounds.weighted {
             true => rows,
-            false => rows.min(case.space.velocity_cells() as u64 * around + 2 * self.auxiliary),
+            false => rows.min(space.velocity_cells() as u64 * around + 2 * self.auxiliary),
         };
-        // Before the matrix is assembled: a bound for any weights.
+        4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct
+    }
+
+    /// Arrays that exist during the whole run: matrix, states, inflow.
+    fn system(&self) -> Vec<NamedBytes> {
+        let (case, bounds) = (self.case, self.bounds);
         let stored = match &bounds.assembled {
-            Some(found) => (found.bytes_per_row * rows as f64) as u64,
-            None => 4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct,
+            Some(found) => (found.bytes_per_row * self.rows() as f64) as u64,
+            None => self.stored_rows(),
         };
         let matrix = stored + 16 * self.points;
-        let ranks = self.mesh.ranks();
-        let allocated = PROGRAM_BYTES + u64::from(ranks > 1) * EXCHANGE_BYTES;
         let mut list = vec![
-            NamedBytes::new("program and libraries", allocated + program_file_bytes(ranks)),
+            self.program(),
             NamedBytes::new("matrix (S, K)", matrix),
             NamedBytes::new("states, weights", 8 * (1 + self.fields()) * self.length()),
         ];

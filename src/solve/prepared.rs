@@ -153,8 +153,12 @@ impl Prepared {
 /// The size of `matrix` on the fullest rank of `world`. Collective.
 fn assembled_size(world: &Group, matrix: &BlockMatrix) -> AssembledSize {
     let largest = |number: usize, of: usize| world.max(number as f64 / of.max(1) as f64);
+    let assembly = matrix.assembly_size();
     AssembledSize {
         bytes_per_row: largest(matrix.bytes(), matrix.rows()),
+        bytes_per_row_before: largest(assembly.bytes, matrix.rows()),
+        changed_bytes_per_row: largest(assembly.changed_bytes, matrix.rows()),
+        contributions_per_row: world.max(assembly.contributions_per_row),
         inflow_rows_per_cell: largest(matrix.inflow.len(), matrix.block.cells()),
     }
 }
