@@ -28,6 +28,14 @@ fn runs_take_the_planned_memory() {
         "axis.0.x.cells=15", "axis.1.x.cells=15", "axis.0.v.cells=8", "axis.1.v.cells=8",
         "time.end=0.005", "solver.tolerance=0.01", "scheme.degree=1",
     ];
+    // While these are assembled, they take more than in the run.
+    let high_degree = ["axis.0.x.cells=60", "axis.0.v.cells=16", "scheme.degree=8"];
+    let high_degree_plane = [
+        "axis.0.x.cells=2", "axis.1.x.cells=2", "axis.0.v.cells=2", "axis.1.v.cells=2",
+        "scheme.degree=8",
+    ];
+    let well = ["potential=[{value='0.5*x^2'}]", "solver.tolerance=0.01", "time.end=0.01"];
+    let slope = ["potential=[{value='0.3*x'}]", "solver.tolerance=0.01", "time.end=0.01"];
     let space = [
         "axis.0.x.cells=8", "axis.1.x.cells=8", "axis.2.x.cells=8", "axis.0.v.cells=8",
         "axis.1.v.cells=8", "axis.2.v.cells=8", "time.end=0.005", "solver.tolerance=0.01",
@@ -56,6 +64,9 @@ fn runs_take_the_planned_memory() {
         ("step3d.toml", &space, &["solver.reduce=false"], 1, CLOSE),
         ("example1.toml", &elements, &quick, 1, CLOSE),
         ("inflow_barrier.toml", &elements, &quick, 1, CLOSE),
+        ("example1.toml", &high_degree, &well, 1, CLOSE),
+        ("barrier2d.toml", &high_degree_plane, &slope, 1, CLOSE),
+        ("barrier2d.toml", &high_degree_plane, &slope, 2, CLOSE),
         ("barrier2d.toml", &element_plane, &[], 1, CLOSE),
         ("barrier2d.toml", &element_plane, &["potential=[{value='0.1*(x^2+y^2)'}]"], 1, CLOSE),
         ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2, CLOSE),
