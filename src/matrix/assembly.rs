@@ -19,32 +19,13 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::equal_rows::CellsWithEqualRows;
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::row_lines::MatrixEntry;
-use crate::matrix::rows::{Rows, RowsBuilder};
+use crate::matrix::rows::{AssemblySize, Rows, RowsBuilder};
 use crate::matrix::velocity_lines::VelocityLines;
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::{Case, Embedding};
 use crate::problem::grid::PhaseSpace;
 use crate::scheme::rows::{Row, Scheme};
 use std::ops::Range;
-
-/// Memory of an assembly, as measured while it is done.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct AssemblySize {
-    /// Largest number of contributions to a row, on average over a layer.
-    pub contributions_per_row: f64,
-    /// Bytes of the rows before they are weighted and elements are gathered.
-    pub bytes: usize,
-    /// Most bytes while rows are replaced by others: of both.
-    pub changed_bytes: usize,
-}
-
-impl AssemblySize {
-    /// Notes that `new` rows were made from `old` ones.
-    pub(crate) fn add_change(&mut self, old: &Rows, new: &Rows) {
-        let both = old.bytes() + new.bytes() + Rows::bytes_to_find_equal(new.templates());
-        self.changed_bytes = self.changed_bytes.max(both);
-    }
-}
 
 /// Bytes of the layers that are collected and sorted at a time, on a block with `layers` layers of
 /// `rows` rows, with so many contributions to a row.

@@ -11,13 +11,12 @@
 
 mod couplings;
 
-use crate::matrix::assembly::AssemblySize;
 use crate::matrix::bundles::{Bundles, WIDTH};
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::kernel::{InstructionSet, LineStep, Vectorized};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
 use crate::matrix::row_lines::{MOST_NODES, RowLines};
-use crate::matrix::rows::Rows;
+use crate::matrix::rows::{AssemblySize, Rows};
 use crate::matrix::vector::Vector;
 use crate::matrix::velocity_lines::{NodeValue, ProductFactors, VelocityLines};
 use crate::parallel::communicator::{GhostExchange, Group};

@@ -233,9 +233,9 @@ impl Rows {
     }
 
     /// Rows that are not gathered yet, gathered into `lines`, beside the couplings of
-    /// `velocity_lines`, which they are [`without`](Self::without). Couplings between the nodes of a line whose `s`
-    /// is only round-off of `k` get `s = 0`, as in exact arithmetic: the derivative in an element
-    /// is skew but for its ends.
+    /// `velocity_lines`, which they are [`without`](Self::without). Couplings between the nodes of
+    /// a line whose `s` is only round-off of `k` get `s = 0`, as in exact arithmetic: the
+    /// derivative in an element is skew but for its ends.
     pub(crate) fn gathered(&self, lines: RowLines, velocity_lines: VelocityLines) -> Self {
         assert!(self.lines.nodes == 1 && (2..=MOST_NODES).contains(&lines.nodes));
         let mut gathered = Self {
@@ -305,6 +305,25 @@ impl Hasher for IdentityHasher {
     fn write(&mut self, _: &[u8]) {}
     fn write_u64(&mut self, value: u64) {
         self.0 = value;
+    }
+}
+
+/// Memory of an assembly, as measured while it is done.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AssemblySize {
+    /// Largest number of contributions to a row, on average over a layer.
+    pub contributions_per_row: f64,
+    /// Bytes of the rows before they are weighted and elements are gathered.
+    pub bytes: usize,
+    /// Most bytes while rows are replaced by others: of both.
+    pub changed_bytes: usize,
+}
+
+impl AssemblySize {
+    /// Notes that `new` rows were made from `old` ones.
+    pub(crate) fn add_change(&mut self, old: &Rows, new: &Rows) {
+        let both = old.bytes() + new.bytes() + Rows::bytes_to_find_equal(new.templates());
+        self.changed_bytes = self.changed_bytes.max(both);
     }
 }
 
