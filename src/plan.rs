@@ -321,7 +321,7 @@ impl Plan {
 
     fn propagator_text(&self, warp: &WarpPlan) -> String {
         let work = RunWork {
-            least: warp.work.iter().copied().min().unwrap_or(0),
+            least: warp.least_work(),
             most: warp.largest_work(),
             step: self.propagation.step,
             steps: self.steps,

@@ -140,9 +140,9 @@ pub struct ModeDemand {
 /// The work of the modes of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct RunWork {
-    /// Least work of a mode.
+    /// Least work of a mode in a leg.
     pub least: usize,
-    /// Largest work of a mode.
+    /// Largest work of a mode in a leg.
     pub most: usize,
     /// Time step of the case, if it gives one.
     pub step: Option<f64>,

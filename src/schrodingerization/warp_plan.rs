@@ -282,6 +282,11 @@ impl WarpPlan {
         self.mode_tolerances[l] / self.leg_work.len() as f64
     }
 
+    /// Least work of a mode in a leg.
+    pub fn least_work(&self) -> usize {
+        self.leg_work.iter().flatten().copied().min().unwrap_or(0)
+    }
+
     /// Most work of a mode in a leg.
     pub fn largest_work(&self) -> usize {
         self.leg_work.iter().flatten().copied().max().unwrap_or(0)

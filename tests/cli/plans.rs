@@ -36,6 +36,22 @@ fn check_describes_every_case() {
     });
 }
 
+/// With and without output times, the printed degrees are those of a leg, the least one first.
+#[test]
+fn degrees_are_a_range() {
+    let small = ["axis.0.x.cells=24", "axis.0.v.cells=16"];
+    let mut ranges = Vec::new();
+    for settings in [&[][..], &["output.fields_every=0.1"]] {
+        let finished = plan("example1.toml", 1).set(&small).set(settings).succeed().unwrap();
+        let (_, range) = finished.output.split_once("chebyshev: degree ").expect("a degree");
+        let words: Vec<&str> = range.split_whitespace().take(3).collect();
+        let [least, most] = [words[0], words[2]].map(|word| word.parse::<usize>().unwrap());
+        assert!(0 < least && least <= most, "degree {least} to {most}");
+        ranges.push(most);
+    }
+    assert!(ranges[1] < ranges[0], "the legs are shorter: {ranges:?}");
+}
+
 /// For every case and number of ranks, the mesh of the plan has all ranks. The program prints its
 /// plan as JSON and as text, in turns for few ranks and for many.
 #[test]

@@ -159,9 +159,8 @@ fn chebyshev_series(
     let batch =
         BatchSpec { modes: LANES, wavenumbers: WAVENUMBERS, tolerances: [tolerance; LANES], work };
     let matrix = &weighted.prepared.system.matrix;
-    let shape = BlockingShape { depth: 5, width: 2, parts: 2 };
     let blocking = |depth| {
-        let shape = BlockingShape { depth, ..shape };
+        let shape = BlockingShape { depth, width: 2, parts: 2 };
         Blocking::possible(matrix).then(|| Blocking::new(matrix, &shape))
     };
     // Blocked steps alone, and candidates in another order and of other depths on each rank.
