@@ -17,11 +17,12 @@ use crate::base::error::Result;
 use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
 use crate::problem::case::{Case, Delta, Exact, Method};
-use crate::problem::exact::traced_cells;
+use crate::problem::exact::{MostCells, traced_cells};
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::Potential;
 use crate::scheme::interface::energy::check_axis;
 use crate::scheme::interface::{law_of, velocity};
+use crate::scheme::reduce::grid;
 use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
 use std::collections::HashSet;
@@ -243,13 +244,16 @@ impl Bounds {
         }
     }
 
-    /// Number of space cells in which every rank keeps `V` for the exact solution of `case`, to
-    /// which the bounds belong; 0 if none is traced.
+    /// Number of space cells in which every rank keeps `V` while it traces particles of `case`, to
+    /// which the bounds belong: for the exact solution, or only for the estimates of the ledger.
     pub fn traced_cells(&self, case: &Case) -> usize {
-        match case.exact {
-            Some(Exact::Characteristics) => *self.traced.get_or_init(|| traced_cells(case)),
-            _ => 0,
-        }
+        *self.traced.get_or_init(|| {
+            let most = match case.exact {
+                Some(Exact::Characteristics) => MostCells::EXACT,
+                _ => MostCells::ESTIMATES,
+            };
+            traced_cells(&Case { space: grid(case), ..case.clone() }, most)
+        })
     }
 
     /// For degrees above 0: bounds on the contributions to `S`.

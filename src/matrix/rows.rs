@@ -204,6 +204,7 @@ impl Rows {
         mut change: impl FnMut(usize, &mut Vec<MatrixEntry>),
     ) -> Self {
         let mut builder = RowsBuilder::with_capacity(self.len());
+        builder.reserve_as(self);
         let mut entries: Vec<MatrixEntry> = Vec::new();
         // The first plain row of each template.
         let mut first: Vec<Option<u32>> = vec![None; self.templates()];
@@ -354,6 +355,15 @@ impl RowsBuilder {
             },
             seen: HashMap::default(),
         }
+    }
+
+    /// Reserves memory for the templates of `rows` and a few more. Memory that is not used is never
+    /// touched; a vector that grows is copied, and leaves gaps.
+    fn reserve_as(&mut self, rows: &Rows) {
+        let more = |length: usize| length + length / 16;
+        self.rows.offsets.reserve_exact(more(rows.offsets.len()));
+        self.rows.distances.reserve_exact(more(rows.distances.len()));
+        self.rows.values.reserve_exact(more(rows.values.len()));
     }
 
     /// Adds the next row.

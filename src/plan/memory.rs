@@ -7,7 +7,7 @@ use crate::matrix::inflow::AuxiliaryRow;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
-use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter, Method};
+use crate::problem::case::{Case, Data, Embedding, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
@@ -48,9 +48,8 @@ pub fn program_file_bytes(ranks: usize) -> u64 {
 /// are written.
 const TIME_BYTES: u64 = 5 << 9;
 
-/// Bytes of a cell in which the exact solution traces `V`: slopes, jumps and distances, and what it
-/// takes to find them. Measured on 960² and 1024² cells.
-const TRACED_CELL_BYTES: u64 = 76;
+/// Bytes of a cell in which particles are traced: slopes and jumps of `V`, distances.
+const TRACED_CELL_BYTES: u64 = 52;
 
 /// Bytes of a rank's buffers, unless one cell takes more.
 pub const BUFFERS: u64 = 16 << 20;
@@ -100,8 +99,9 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
 }
 
 /// The arrays of the fullest rank, in bytes, if a rank has at most `most` modes. It is the largest
-/// of four lists: while the matrix is assembled, during the solve, while the error of the grid is
-/// estimated, and while results are expanded to the user's grid.
+/// of five lists: while the matrix is assembled, while particles of the exact flow are traced, during
+/// the solve, while the error of the grid is estimated, and while results are expanded to the user's
+/// grid.
 pub(crate) fn arrays(
     case: &Case,
     bounds: &Bounds,
@@ -115,11 +115,15 @@ pub(crate) fn arrays(
         None => rank.classical(),
     };
     let results = rank.results(warp);
-    let [estimating, expanding] = [rank.estimate(), rank.expanded()]
-        .map(|more| results.iter().cloned().chain(more).collect::<Vec<_>>());
+    let mut expanding: Vec<NamedBytes> = results.iter().cloned().chain(rank.expanded()).collect();
+    if case.is_galerkin() && matches!(case.exact, Some(Exact::Characteristics)) {
+        // Their errors are integrals, for which the exact solution is traced once more.
+        expanding.push(rank.traced());
+    }
+    let estimating = results.into_iter().chain(rank.estimate()).collect();
     let bytes = |list: &Vec<NamedBytes>| -> u64 { list.iter().map(|a| a.bytes).sum() };
-    let largest =
-        [expanding, estimating, solving].into_iter().max_by_key(bytes).unwrap_or_default();
+    let lists = [expanding, estimating, solving, vec![rank.traced()]];
+    let largest = lists.into_iter().max_by_key(bytes).unwrap_or_default();
     let running = [rank.system(), largest].concat();
     [rank.assembling(), running].into_iter().max_by_key(bytes).unwrap_or_default()
 }
@@ -445,8 +449,13 @@ impl<'a> FullestRank<'a> {
         let earlier = if case.has_exact_history() { case.shown_times().count() } else { 0 };
         let times = 1 + earlier as u64;
         let moments = 8 * self.moments_of_a_point() * times * space_cells;
-        let traced = TRACED_CELL_BYTES * self.bounds.traced_cells(case) as u64;
-        Some(NamedBytes::new("exact solution", values + traced + moments))
+        Some(NamedBytes::new("exact solution", values + moments))
+    }
+
+    /// What traces particles of the exact flow: the whole potential, on every rank.
+    fn traced(&self) -> NamedBytes {
+        let cells = self.bounds.traced_cells(self.case) as u64;
+        NamedBytes::new("potential of the exact flow", TRACED_CELL_BYTES * cells)
     }
 
     /// Numbers that are stored for a field at a point of space, at each output time: its moments,

@@ -35,8 +35,8 @@ use crate::problem::case::{Case, Inflow};
 use crate::problem::exact::by_axes::{
     AxisLine, AxisPaths, EndByAxes, LineParticle, REST, moves_by_axes,
 };
-pub use crate::problem::exact::traced_grid::traced_cells;
-use crate::problem::exact::traced_grid::{MOST_TRACED_CELLS, free_layers, traced_space};
+pub use crate::problem::exact::traced_grid::{MostCells, traced_cells};
+use crate::problem::exact::traced_grid::{free_layers, traced_space};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;
 
@@ -244,15 +244,14 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
     pub fn new(case: &'a Case) -> Result<Self> {
-        Self::with_cells(case, MOST_TRACED_CELLS)
+        Self::with_cells(case, MostCells::EXACT)
     }
 
-    /// Prepares tracing in `case`'s potential, with elements cut into at most `most` space cells in
-    /// all.
+    /// Prepares tracing in `case`'s potential, with elements cut into at most `most` space cells.
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn with_cells(case: &'a Case, most: usize) -> Result<Self> {
+    pub fn with_cells(case: &'a Case, most: MostCells) -> Result<Self> {
         let space = traced_space(case, most)?;
         let potential = Potential::whole(&Case { space: space.clone(), ..case.clone() })?;
         let rate = |a: usize| {

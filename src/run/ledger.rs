@@ -17,7 +17,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
-use crate::problem::exact::Tracer;
+use crate::problem::exact::{MostCells, Tracer};
 use crate::problem::grid::{PhaseSpace, axis_names};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
@@ -31,8 +31,6 @@ use crate::solve::prepared::Prepared;
 
 /// Largest number of space cells of a case whose potential is evaluated on all of space.
 pub(super) const MOST_SPACE_CELLS: usize = 1 << 18;
-/// Largest number of cells that the elements of a curved potential are cut into.
-const MOST_PARTS: usize = 1 << 16;
 /// Independent replicates of each source.
 const REPLICATES: usize = 16;
 /// Points of a source for each cell.
@@ -44,8 +42,8 @@ const MOST_POINTS: usize = 1 << 17;
 const FOLLOWED: [usize; 2] = [256, 64];
 /// Largest number of nodes at which the initial data are evaluated.
 const MOST_NODES: usize = 1 << 19;
-/// Number of nodes that are evaluated together.
-const NODES_AT_ONCE: usize = 1 << 10;
+/// Number of points that are evaluated together.
+const POINTS_AT_ONCE: usize = 1 << 10;
 /// Data below this part of the largest value count as zero.
 const NEGLIGIBLE: f64 = 1e-9;
 /// Distance beyond the velocity box up to which data are evaluated, in widths of the box.
@@ -75,17 +73,16 @@ pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
         ));
         return Ok(ledger);
     }
-    let potential = Potential::whole(case)?;
     ledger.regions = regions(case);
-    ledger.jumps = jumps(&case.space, &potential);
+    ledger.jumps = jumps(&case.space, &Potential::whole(case)?);
     if case.start.is_some() {
         ledger.omitted.push("the initial mass, and all estimates: initial.warped has no f".into());
     } else if let Some(start) = &case.start_field {
         let why = format!("all estimates: f at t = {} is of {}", case.begin, start.path.display());
         ledger.omitted.push(why);
     } else {
-        let tracer = Tracer::with_cells(case, MOST_PARTS)?.forward();
-        estimate(world, case, tracer, &mut ledger);
+        let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
+        estimate(world, case, &tracer, &mut ledger);
     }
     if matches!(case.data, Data::Measure { .. }) {
         let why = "mass that entered: with measure-valued data it is not linear in the fields";
@@ -200,7 +197,7 @@ fn open_ends(space: &PhaseSpace) -> Vec<AxisEnd> {
 }
 
 /// Puts the estimates by particles into `ledger`. Collective.
-fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger) {
+fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger) {
     let measure = matches!(case.data, Data::Measure { .. });
     let cells = if measure { case.space.space_cells() } else { case.space.cells() };
     let points = (POINTS_PER_CELL * cells).clamp(LEAST_POINTS, MOST_POINTS);
@@ -210,7 +207,7 @@ fn estimate(world: &Group, case: &Case, tracer: Tracer<'_>, ledger: &mut Ledger)
         ledger.mass.beyond = Some(support.beyond);
         within = support.within;
     }
-    let mut tracker = ParticleTracker::new(case, tracer.clone());
+    let mut tracker = ParticleTracker::new(case, tracer);
     let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
     let drawer = ParticleSampler { case, within, force: &force };
     let sources = SourceEstimates::follow(world, &drawer, &mut tracker, points);
@@ -325,30 +322,31 @@ impl DataSupport {
     fn find(world: &Group, case: &Case, points: usize) -> Self {
         let space = &case.space;
         let n = space.dimension();
-        let mut found: Vec<([f64; 6], f64)> = Vec::new();
-        let mut look_at = |points: Vec<[f64; 6]>| {
-            let values = case.fields[0].initial.at_points(&points, 0.0).into_iter();
-            let sizes = values.map(|f| if f.is_finite() { f.abs() } else { 0.0 });
-            found.extend(points.into_iter().zip(sizes).filter(|(_, size)| *size > 0.0));
-        };
         let wide = SampleBox::whole(space, BEYOND);
         let sequence = SampleSequence::new(2 * n, 0);
-        let drawer = ParticleSampler { case, within: wide.clone(), force: &|_, _| 0.0 };
-        let numbers = (world.rank()..points).step_by(world.size());
-        let drawn = drawer.draw(ParticleSource::Initial, &sequence, numbers).into_iter();
-        let (inside, beyond): (Vec<_>, Vec<_>) = drawn.partition(|particle| particle.inside);
-        let beyond: Vec<f64> = beyond.iter().map(|particle| particle.mass.abs()).collect();
-        look_at(inside.iter().map(|particle| particle.point).collect());
+        let drawer = ParticleSampler { case, within: wide, force: &|_, _| 0.0 };
+        let mut numbers = (world.rank()..points).step_by(world.size()).peekable();
+        let (mut inside, mut beyond) = (Vec::new(), Vec::new());
+        while numbers.peek().is_some() {
+            let block = numbers.by_ref().take(POINTS_AT_ONCE);
+            for particle in drawer.draw(ParticleSource::Initial, &sequence, block) {
+                match particle.inside {
+                    true => inside.push(particle.point),
+                    false => beyond.push(particle.mass.abs()),
+                }
+            }
+        }
         let stride = space.cells().div_ceil(MOST_NODES);
         let nodes = (world.rank()..space.cells().div_ceil(stride)).step_by(world.size());
-        let mut nodes = nodes.map(|k| space.point(&space.cell(k * stride))).peekable();
-        while nodes.peek().is_some() {
-            look_at(nodes.by_ref().take(NODES_AT_ONCE).collect());
-        }
-        let largest = world.max(found.iter().fold(0.0, |most: f64, (_, value)| most.max(*value)));
+        let nodes = || nodes.clone().map(|k| space.point(&space.cell(k * stride)));
+        let all = || inside.iter().copied().chain(nodes());
+        // The points are made twice: their values take an eighth of the memory.
+        let sizes = sizes_at(case, all());
+        let largest = world.max(sizes.iter().fold(0.0, |most: f64, size| most.max(*size)));
         // Lower ends are stored as negatives, so that both are maxima.
         let mut ends = vec![f64::NEG_INFINITY; 4 * n];
-        for (point, _) in found.iter().filter(|(_, value)| *value > NEGLIGIBLE * largest) {
+        let counts = |(_, size): &([f64; 6], &f64)| **size > NEGLIGIBLE * largest;
+        for (point, _) in all().zip(&sizes).filter(counts) {
             for a in 0..2 * n {
                 let x = point[coordinate(n, a)];
                 ends[a] = ends[a].max(-x);
@@ -360,6 +358,20 @@ impl DataSupport {
         let bound = world.max(beyond.iter().fold(0.0, |most: f64, mass| most.max(*mass)));
         let beyond = world.sum(bound, count, beyond.into_iter()) / points as f64;
         Self { within: box_around(space, &ends), beyond }
+    }
+}
+
+/// `|f|` of the initial data at `points`; 0 where it is not finite, which is refused elsewhere.
+fn sizes_at(case: &Case, mut points: impl Iterator<Item = [f64; 6]>) -> Vec<f64> {
+    let (mut sizes, mut block) = (Vec::with_capacity(points.size_hint().0), Vec::new());
+    loop {
+        block.clear();
+        block.extend(points.by_ref().take(POINTS_AT_ONCE));
+        if block.is_empty() {
+            return sizes;
+        }
+        let values = case.fields[0].initial.at_points(&block, 0.0).into_iter();
+        sizes.extend(values.map(|f| if f.is_finite() { f.abs() } else { 0.0 }));
     }
 }
 

@@ -1,5 +1,6 @@
 //! Random cases, and fields of any size: solved to the tolerance, or refused.
 
+use crate::memory::planned_above_peak;
 use crate::support::{
     INTERFACES, Job, Summary, at_most, check_all, datasets, differences, directory,
     estimate_is_right_or_silent, number_from_environment, refused, run, solved_or_refused,
@@ -33,6 +34,13 @@ fn random_scenes_of_implicit_methods_are_solved_or_refused() {
     solved_or_refused_scenes(24, |choices| scene_of_methods(choices, Steps::ByHand));
 }
 
+/// The same for scenes of thousands of unknowns and more, which do not fit into caches: steps are
+/// blocked, and memory is that of the plan.
+#[test]
+fn large_random_scenes_are_solved_or_refused() {
+    solved_or_refused_scenes(6, large_scene);
+}
+
 /// Tries `count` scenes, multiplied by `PHASEWARP_SCENES/100`, which `make torture` sets.
 fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String + Sync) {
     let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
@@ -58,12 +66,16 @@ fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
     let path = place.path().join("scene.toml");
     std::fs::write(&path, scene).map_err(|e| e.to_string())?;
     let path = path.display().to_string();
-    let finished = Job::new(["run", &path]).into(place.path()).run()?;
+    let by_steps = scene.contains(STEP);
+    let finished = Job::new(["run", &path]).into(place.path()).with_plugins().run()?;
     if finished.code == Some(2) {
         return refused(&finished, &[]).map(|()| false);
     }
-    let mut job = Job::new(["run", &path]).on(choices.of(&[2, 3, 4]));
-    let by_steps = scene.contains(STEP);
+    if !by_steps {
+        memory_is_planned(&Summary::read(finished, place.path())?, 1)?;
+    }
+    let ranks = choices.of(&[2, 3, 4]);
+    let mut job = Job::new(["run", &path]).on(ranks).with_plugins();
     // Implicit methods give the same bits unless ranks split space.
     let splits = by_steps && choices.of(&[false, true]);
     if by_steps && !splits {
@@ -81,13 +93,23 @@ fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
     }
     match by_steps {
         true => step_is_estimated(&summary)?,
-        false => tolerance_is_met(&summary)?,
+        false => {
+            tolerance_is_met(&summary)?;
+            memory_is_planned(&summary, ranks)?;
+        }
     }
     // A skew system has one mode and no second reading.
     if summary.value["modes"] != 1 {
         estimate_is_right_or_silent(&summary, 6.0)?;
     }
     Ok(true)
+}
+
+/// Checks that a run on so many ranks takes about the planned memory.
+fn memory_is_planned(summary: &Summary, ranks: usize) -> Result<(), String> {
+    let (more, words) = planned_above_peak(summary, ranks)?;
+    println!("MEM {ranks} {words}");
+    summary.require((-0.02..=0.1).contains(&more), || words)
 }
 
 /// The key of a step by hand in a scene.
@@ -140,7 +162,9 @@ fn scene(choices: &mut Choices) -> String {
             choices.of(&cells),
         );
     }
-    text + &content(choices, |choices| format!("interface = \"{}\"\n", choices.of(&INTERFACES)))
+    text + &content(choices, &ENDS, |choices| {
+        format!("interface = \"{}\"\n", choices.of(&INTERFACES))
+    })
 }
 
 /// Elements in one or two dimensions, whose degrees differ from axis to axis. In some velocity
@@ -174,7 +198,32 @@ fn scene_of_elements(choices: &mut Choices) -> String {
         let (degree, flux) = (choices.of(&[1, 1, 2, 3]), choices.of(&["0", "0.2", "0.5", "1"]));
         format!("degree = {degree}\nflux = {flux}\n")
     };
-    text + &content(choices, scheme)
+    text + &content(choices, &ENDS, scheme)
+}
+
+/// Cells or elements in one to three dimensions, 2000 to about 150000 unknowns.
+fn large_scene(choices: &mut Choices) -> String {
+    let dimension = choices.of(&[1, 1, 2, 2, 3]);
+    let degree: usize = choices.of(&[0, 0, 1, 2, 4]);
+    let counts = [[90, 166, 233, 350], [9, 13, 15, 18], [4, 5, 6, 7]][dimension - 1];
+    let velocities = [[64, 122, 250, 422], [6, 10, 14, 18], [4, 4, 6, 6]][dimension - 1];
+    let mut text = String::new();
+    for _ in 0..dimension {
+        let boundary = choices.of(&["inflow", "inflow", "periodic"]);
+        text += &format!(
+            "[[axis]]\nx = {{ lower = -1, upper = {}, cells = {}, boundary = \"{boundary}\" }}\n\
+             v = {{ lower = -1.2, upper = 1.2, cells = {} }}\n",
+            choices.of(&["0.7", "1"]),
+            (choices.of(&counts) / (degree + 1)).max(2),
+            // With `v = 0` on a face.
+            (choices.of(&velocities) / (degree + 1)).max(2).div_ceil(2) * 2,
+        );
+    }
+    let ends = ["0.003", "0.01", "0.03"];
+    text + &content(choices, &ends, |choices| match degree {
+        0 => format!("interface = \"{}\"\n", choices.of(&INTERFACES)),
+        _ => format!("degree = {degree}\nflux = {}\n", choices.of(&["0", "0.5", "1"])),
+    })
 }
 
 /// How the steps of a scene's propagator are chosen.
@@ -264,8 +313,15 @@ fn scene_of_methods(choices: &mut Choices, steps: Steps) -> String {
 const INFLOWS: [&str; 6] =
     ["0", "0", "1", "exp(-vx^2)", "0.5 + 0.5*sin(3*t)", "exp(-20*(t - 0.2)^2)"];
 
+/// End times of small scenes.
+const ENDS: [&str; 5] = ["1e-4", "0.01", "0.1", "0.5", "1"];
+
 /// The potential, initial data, inflow, end time, scheme and solver of a scene.
-fn content(choices: &mut Choices, scheme: impl FnOnce(&mut Choices) -> String) -> String {
+fn content(
+    choices: &mut Choices,
+    ends: &[&str],
+    scheme: impl FnOnce(&mut Choices) -> String,
+) -> String {
     let mut text = String::new();
     let values = ["0", "0.2", "-0.3", "5", "0.2*x", "0.1*x^2", "1e-6", "sin(3*x)", "100"];
     for _ in 0..choices.of(&[0, 1, 1, 2]) {
@@ -280,7 +336,7 @@ fn content(choices: &mut Choices, scheme: impl FnOnce(&mut Choices) -> String) -
     let inflows =
         ["0", "0", "0", "1", "initial", "exp(-vx^2)", "1e-3", "1e3", "-1 if vx > 0 else 0"];
     text += &format!("[inflow]\nvalue = \"{}\"\n", choices.of(&inflows));
-    text += &format!("[time]\nend = {}\n", choices.of(&["1e-4", "0.01", "0.1", "0.5", "1"]));
+    text += &format!("[time]\nend = {}\n", choices.of(ends));
     text += &format!("[scheme]\n{}", scheme(choices));
     let tolerances = ["0.1", "1e-2", "1e-3", "1e-6", "1e-9", "1e-11"];
     text += &format!("[solver]\nverify = true\ntolerance = {}\n", choices.of(&tolerances));

@@ -17,14 +17,13 @@ const BENT: usize = 2;
 /// slopes and jumps.
 pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
     let n = space.dimension();
-    let (mut cells, mut distance) = (Vec::new(), Vec::new());
+    let mut distance = Vec::with_capacity(space.space_cells());
     for_each_cell(&space.space_ranges(), |i| {
         let free = (0..n).all(|a| {
             potential.slope(i, a) == 0.0
                 && potential.jump_below(i, a) == 0.0
                 && potential.jump_above(i, a) == 0.0
         });
-        cells.push(*i);
         distance.push(if free { u32::MAX } else { 0 });
     });
     // Chebyshev distance to the nearest cell that is not free, by one sweep up and one down
@@ -33,26 +32,47 @@ pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32>
     let mut before = Vec::new();
     for_each_cell(&vec![0..3; n], |d| before.push(d.map(|d| d as i64 - 1)));
     before.truncate(before.len() / 2);
-    let mut visit = |k: usize, sign: i64| {
-        for offset in &before {
-            let (mut neighbour, mut inside) = (0, true);
-            for (a, axis) in space.x.iter().enumerate() {
-                let (j, cells) = (cells[k][a] as i64 + sign * offset[a], axis.cells as i64);
-                inside &= (0..cells).contains(&j);
-                neighbour = neighbour * cells + j;
+    for sign in [1, -1] {
+        // The sweep down visits the mirror images of the cells in the order of the sweep up.
+        let mut next = 0;
+        for_each_cell(&space.space_ranges(), |i| {
+            let of_cell = |next| if sign > 0 { next } else { distance.len() - 1 - next };
+            let (k, mut least) = (of_cell(next), u32::MAX);
+            for offset in &before {
+                let (mut neighbour, mut inside) = (0, true);
+                for (a, axis) in space.x.iter().enumerate() {
+                    let (j, cells) = (i[a] as i64 + offset[a], axis.cells as i64);
+                    inside &= (0..cells).contains(&j);
+                    neighbour = neighbour * cells + j;
+                }
+                if inside {
+                    least = least.min(distance[of_cell(neighbour as usize)].saturating_add(1));
+                }
             }
-            if inside {
-                distance[k] = distance[k].min(distance[neighbour as usize].saturating_add(1));
-            }
-        }
-    };
-    (0..cells.len()).for_each(|k| visit(k, 1));
-    (0..cells.len()).rev().for_each(|k| visit(k, -1));
-    distance.iter().map(|d| d.saturating_sub(1)).collect()
+            distance[k] = distance[k].min(least);
+            next += 1;
+        });
+    }
+    distance.iter_mut().for_each(|d| *d = d.saturating_sub(1));
+    distance
 }
 
-/// Largest number of space cells in which a curved potential is traced.
-pub(super) const MOST_TRACED_CELLS: usize = 1 << 21;
+/// Largest numbers of space cells that elements are cut into for tracing.
+#[derive(Clone, Copy, Debug)]
+pub struct MostCells {
+    /// Where `V` is curved.
+    pub curved: usize,
+    /// So that edges of regions lie on faces; in one dimension it is [`MOST_CELLS_IN_LINE`].
+    pub edges: usize,
+}
+
+impl MostCells {
+    /// For the exact solution.
+    pub const EXACT: Self = Self { curved: 1 << 21, edges: 1 << 21 };
+    /// For estimates by a few hundred particles.
+    pub const ESTIMATES: Self = Self { curved: 1 << 16, edges: 1 << 16 };
+}
+
 /// Largest number of parts into which an element is cut along an axis.
 const MOST_PARTS: usize = 64;
 /// In one dimension elements are cut into more parts if edges are on faces then, up to this number
@@ -63,31 +83,31 @@ const MOST_CELLS_IN_LINE: usize = 8192;
 const ENOUGH_CELLS: usize = 512;
 
 /// The grid on which particles are traced. Its cells are the case's elements, cut into parts for
-/// two reasons: if `V` is curved in an element, into as many as `most` space cells allow; and if an
-/// edge of a region lies inside of an element, so that it comes to lie on a face.
-pub(super) fn traced_space(case: &Case, most: usize) -> Result<PhaseSpace> {
+/// two reasons: if `V` is curved in an element, into as many as `most` allows; and if an edge of a
+/// region lies inside of an element, so that it comes to lie on a face.
+pub(super) fn traced_space(case: &Case, most: MostCells) -> Result<PhaseSpace> {
     Ok(cut_elements(case, &region_edges(case), most, is_curved(case)?))
 }
 
-/// Number of space cells in which [`Tracer::new`](super::Tracer::new) keeps `V`, from a sample of
-/// elements: up to 64 along an axis in one and two dimensions, up to 16 in three.
-pub fn traced_cells(case: &Case) -> usize {
+/// Number of space cells in which [`Tracer::with_cells`](super::Tracer::with_cells) keeps `V`, from
+/// a sample of elements: up to 64 along an axis in one and two dimensions, up to 16 in three.
+pub fn traced_cells(case: &Case, most: MostCells) -> usize {
     const SAMPLED: [usize; MAX_DIMENSION] = [64, 64, 16];
     let mut sample = case.clone();
-    let most = SAMPLED[case.space.dimension() - 1];
+    let sampled = SAMPLED[case.space.dimension() - 1];
     for axis in &mut sample.space.x {
-        axis.cells = axis.elements().min(most) * axis.nodes.count();
+        axis.cells = axis.elements().min(sampled) * axis.nodes.count();
     }
     // Where V of the sample is not finite, that of the case may be.
     let is_curved = is_curved(&sample).unwrap_or(true);
-    cut_elements(case, &region_edges(&sample), MOST_TRACED_CELLS, is_curved).space_cells()
+    cut_elements(case, &region_edges(&sample), most, is_curved).space_cells()
 }
 
 /// The elements of the case, cut into parts. `edges` are those of the regions, by axis.
 fn cut_elements(
     case: &Case,
     edges: &[Option<Vec<f64>>],
-    most: usize,
+    most: MostCells,
     is_curved: bool,
 ) -> PhaseSpace {
     let mut space = case.space.by_elements();
@@ -96,7 +116,7 @@ fn cut_elements(
         let parts = libm::pow(most as f64 / cells as f64, 1.0 / n as f64);
         (parts as usize).clamp(1, MOST_PARTS)
     };
-    let enough = room(most);
+    let enough = room(most.curved);
     for (axis, edges) in space.x.iter_mut().zip(edges) {
         let least = match (is_curved, case.space.degree()) {
             (false, _) => 1,
@@ -104,11 +124,11 @@ fn cut_elements(
             (true, 0) => enough.min(ENOUGH_CELLS.div_ceil(axis.cells)),
             (true, _) => enough,
         };
-        let most = match n {
+        let most_parts = match n {
             1 => MOST_CELLS_IN_LINE / axis.cells,
-            _ => room(MOST_TRACED_CELLS),
+            _ => room(most.edges),
         };
-        let parts = with_edges(axis, edges.as_deref().unwrap_or_default(), least, most);
+        let parts = with_edges(axis, edges.as_deref().unwrap_or_default(), least, most_parts);
         if parts > 1 {
             *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
         }

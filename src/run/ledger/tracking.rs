@@ -61,13 +61,13 @@ impl ParticleTally {
 /// Follows particles through the exact flow.
 pub struct ParticleTracker<'a> {
     /// The exact flow, forward in time.
-    pub tracer: Tracer<'a>,
+    tracer: &'a Tracer<'a>,
     gains: Option<InterfaceGains<'a>>,
 }
 
 impl<'a> ParticleTracker<'a> {
     /// Follows particles of `case` by its `tracer`, which goes forward in time.
-    pub fn new(case: &'a Case, tracer: Tracer<'a>) -> Self {
+    pub fn new(case: &'a Case, tracer: &'a Tracer<'a>) -> Self {
         let changes = law_of(case.interface).may_grow() && !case.is_galerkin();
         Self { tracer, gains: changes.then(|| InterfaceGains { case, known: HashMap::new() }) }
     }

@@ -8,7 +8,7 @@
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
-use crate::problem::exact::Tracer;
+use crate::problem::exact::{MostCells, Tracer};
 use crate::problem::grid::PhaseSpace;
 use crate::study::grids::on_grid;
 use rand_chacha::ChaCha8Rng;
@@ -266,7 +266,8 @@ impl DensityAtPoint<'_> {
             let mut shape = self.case.space.elements();
             shape[..n].fill(cells);
             let coarse = on_grid(self.case, &shape);
-            let tracer = Tracer::with_cells(&coarse, coarse.space.by_elements().space_cells())?;
+            let curved = coarse.space.by_elements().space_cells();
+            let tracer = Tracer::with_cells(&coarse, MostCells { curved, ..MostCells::EXACT })?;
             let value = |at: &[f64; 6]| tracer.value(at, coarse.end);
             let there = DensityAtPoint { case: &coarse, value: Box::new(value), ..*self };
             let found = there.by_quadrature(accuracy);
