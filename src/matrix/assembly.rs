@@ -30,10 +30,18 @@ use std::ops::Range;
 /// Bytes of the layers that are collected and sorted at a time, on a block with `layers` layers of
 /// `rows` rows, with so many contributions to a row.
 pub fn layer_bytes(layers: u64, rows: u64, contributions_per_row: f64) -> u64 {
-    // Up to three layers are collected, and one is sorted.
-    let stored = (layers.min(3) + 1) * rows;
+    let stored = stored_layers(layers as usize) as u64 * rows;
     (stored as f64 * contributions_per_row * size_of::<Contribution>() as f64) as u64
 }
+
+/// Number of layers for which there is memory at a time, on a block with `layers` layers: up to
+/// three are collected, and one is sorted.
+fn stored_layers(layers: usize) -> usize {
+    layers.min(COLLECTED) + 1
+}
+
+/// Number of layers that a row contributes to: its own and the two adjacent ones.
+const COLLECTED: usize = 3;
 
 /// The contribution of a row of `A` to row `row` of a layer.
 #[derive(Clone, Copy)]
@@ -236,7 +244,7 @@ struct Collector<'a> {
     /// The layer whose rows are being evaluated.
     current: usize,
     /// Contributions to the layer before it, to it and to the next.
-    window: [Vec<Contribution>; 3],
+    window: [Vec<Contribution>; COLLECTED],
     /// Contributions of the first layer to the last one around a periodic axis.
     wrapped: Vec<Contribution>,
 }
@@ -369,9 +377,11 @@ fn rows_by_layers(
     let mut coupled = coupled.filter(|(_, aux)| enters_at(aux)).peekable();
     let mut builder = RowsBuilder::with_capacity(rows);
     let mut sorter = Sorter::default();
-    let (mut done, mut most) = (0, 0);
+    // The largest layer in each of the lists, which are used in turn.
+    let (mut done, mut largest) = (0, [0; COLLECTED]);
     collect_layers(&case.space, scheme, block, &layers, row, |layer| {
-        most = most.max(layer.len());
+        let list = &mut largest[done / layers.local_size % COLLECTED];
+        *list = layer.len().max(*list);
         sorter.drain(layer, layers.local_size, |entries| {
             if let Some((m, _)) = coupled.next_if(|(_, aux)| aux.row as usize == done) {
                 let column = block.cells() + if inflow.shared { 0 } else { m };
@@ -393,7 +403,9 @@ fn rows_by_layers(
             builder.push(if enters_at(aux) { &entry } else { &[] });
         }
     }
-    let contributions_per_row = most as f64 / layers.local_size.max(1) as f64;
+    let stored = largest.iter().sum::<usize>() + largest.iter().max().unwrap_or(&0);
+    let stored_rows = stored_layers(layers.range.len()) * layers.local_size;
+    let contributions_per_row = stored as f64 / stored_rows as f64;
     let rows = builder.finish();
     let bytes = rows.bytes() + Rows::bytes_to_find_equal(rows.templates());
     (rows, AssemblySize { contributions_per_row, bytes, changed_bytes: bytes })

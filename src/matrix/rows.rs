@@ -312,7 +312,7 @@ impl Hasher for IdentityHasher {
 /// Memory of an assembly, as measured while it is done.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AssemblySize {
-    /// Largest number of contributions to a row, on average over a layer.
+    /// Largest number of contributions to a row, on average over the layers that are stored.
     pub contributions_per_row: f64,
     /// Bytes of the rows before they are weighted and elements are gathered.
     pub bytes: usize,

@@ -99,9 +99,9 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
 }
 
 /// The arrays of the fullest rank, in bytes, if a rank has at most `most` modes. It is the largest
-/// of five lists: while the matrix is assembled, while particles of the exact flow are traced, during
-/// the solve, while the error of the grid is estimated, and while results are expanded to the user's
-/// grid.
+/// of five lists: while the matrix is assembled, while particles of the exact flow are traced,
+/// during the solve, while the error of the grid is estimated, and while results are expanded to
+/// the user's grid.
 pub(crate) fn arrays(
     case: &Case,
     bounds: &Bounds,
@@ -152,7 +152,7 @@ impl<'a> FullestRank<'a> {
         // Before the matrix is assembled: all rows that may have inflow.
         let ends = match &bounds.assembled {
             Some(found) => (found.inflow_rows_per_cell * cells as f64).ceil() as u64,
-            None => inflow_rows(&case.space, bounds, cells),
+            None => inflow_rows(case, bounds, cells),
         };
         let (inflow_rows, auxiliary) = match (bounds.inflow, case.warp.inflow) {
             (false, _) => (0, 0),
@@ -496,7 +496,8 @@ impl<'a> FullestRank<'a> {
 }
 
 /// Rows with inflow of a block of `cells` cells, at most.
-fn inflow_rows(space: &PhaseSpace, bounds: &Bounds, cells: u64) -> u64 {
+fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
+    let space = &case.space;
     // Half of the velocities at each of the two ends of an x-axis that is not periodic.
     let ends: u64 = (space.x.iter().zip(space.periodic))
         .filter(|(_, periodic)| !periodic)
@@ -504,7 +505,7 @@ fn inflow_rows(space: &PhaseSpace, bounds: &Bounds, cells: u64) -> u64 {
         .sum();
     // With elements and a force, all nodes of the elements at one end of a velocity axis have
     // inflow.
-    match bounds.forces && space.degree() > 0 {
+    match bounds.forces && case.is_galerkin() {
         true => ends + space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
         false => ends,
     }

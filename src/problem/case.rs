@@ -314,20 +314,21 @@ impl Case {
     }
 
     /// Whether the scheme is that of [`galerkin`](crate::scheme::galerkin): for a degree above 0, a
-    /// flux other than upwind, or partial reflection.
+    /// flux other than upwind, or partial reflection. A reduced case keeps the scheme of the whole
+    /// one.
     pub fn is_galerkin(&self) -> bool {
-        self.space.degree() > 0 || self.flux < 1.0 || self.reflects()
+        self.space.whole_degree() > 0 || self.flux < 1.0 || self.reflects()
     }
 
     /// Whether the scheme of degree 0 for this case is the upwind scheme, with interface laws and
     /// limiters. For a case of a higher degree: whether it would be at degree 0.
     pub fn has_upwind_cells(&self) -> bool {
-        !self.reflects() && (self.space.degree() > 0 || self.flux >= 1.0)
+        !self.reflects() && (self.space.whole_degree() > 0 || self.flux >= 1.0)
     }
 
     /// `scheme.flux`; `None` for the upwind scheme of degree 0.
     pub fn flux_of_elements(&self) -> Option<f64> {
-        (self.space.degree() > 0 || self.flux < 1.0).then_some(self.flux)
+        (self.space.whole_degree() > 0 || self.flux < 1.0).then_some(self.flux)
     }
 
     /// Whether no particle leaves or enters through the ends of the box.

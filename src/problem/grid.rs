@@ -119,6 +119,12 @@ impl PhaseSpace {
         self.axes().map(|a| a.nodes.degree).max().unwrap_or(0)
     }
 
+    /// Largest degree of an axis of the [`whole`](Self::whole) grid. It is larger than that of this
+    /// grid if all axes of degrees above 0 were merged.
+    pub fn whole_degree(&self) -> usize {
+        self.axes().map(|a| a.whole().nodes.degree).max().unwrap_or(0)
+    }
+
     /// This grid with the same elements and degree 0.
     pub fn by_elements(&self) -> Self {
         let all = |axes: &[Axis]| axes.iter().map(Axis::by_elements).collect();

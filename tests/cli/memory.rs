@@ -7,10 +7,10 @@ use phasewarp::plan::memory::program_file_bytes;
 /// have.
 type Row<'a> = (&'a str, &'a [&'a str], &'a [&'a str], usize, f64);
 
-/// The planned bytes of a run on so many ranks, relative to its peak, which was measured in the same
-/// run: 0.05 if they are 5 % more. Below 100 MiB relative to these, as the memory of MPI and HDF5
-/// varies. Pages of files, which the kernel may drop at any time, are counted as planned. The second
-/// value says it in words.
+/// The planned bytes of a run on so many ranks, relative to its peak, which was measured in the
+/// same run: 0.05 if they are 5 % more. Below 100 MiB relative to these, as the memory of MPI and
+/// HDF5 varies. Pages of files, which the kernel may drop at any time, are counted as planned. The
+/// second value says it in words.
 pub fn planned_above_peak(summary: &Summary, ranks: usize) -> Result<(f64, String), String> {
     let anonymous = summary.number("memory_anonymous_bytes_per_rank")?;
     let peak = anonymous + program_file_bytes(ranks) as f64;

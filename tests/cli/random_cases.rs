@@ -38,7 +38,7 @@ fn random_scenes_of_implicit_methods_are_solved_or_refused() {
 /// blocked, and memory is that of the plan.
 #[test]
 fn large_random_scenes_are_solved_or_refused() {
-    solved_or_refused_scenes(6, large_scene);
+    solved_or_refused_scenes(12, large_scene);
 }
 
 /// Tries `count` scenes, multiplied by `PHASEWARP_SCENES/100`, which `make torture` sets.
@@ -67,7 +67,7 @@ fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
     std::fs::write(&path, scene).map_err(|e| e.to_string())?;
     let path = path.display().to_string();
     let by_steps = scene.contains(STEP);
-    let finished = Job::new(["run", &path]).into(place.path()).with_plugins().run()?;
+    let finished = Job::new(["run", &path]).into(place.path()).run()?;
     if finished.code == Some(2) {
         return refused(&finished, &[]).map(|()| false);
     }
@@ -75,7 +75,7 @@ fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
         memory_is_planned(&Summary::read(finished, place.path())?, 1)?;
     }
     let ranks = choices.of(&[2, 3, 4]);
-    let mut job = Job::new(["run", &path]).on(ranks).with_plugins();
+    let mut job = Job::new(["run", &path]).on(ranks);
     // Implicit methods give the same bits unless ranks split space.
     let splits = by_steps && choices.of(&[false, true]);
     if by_steps && !splits {
@@ -108,8 +108,8 @@ fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
 /// Checks that a run on so many ranks takes about the planned memory.
 fn memory_is_planned(summary: &Summary, ranks: usize) -> Result<(), String> {
     let (more, words) = planned_above_peak(summary, ranks)?;
-    println!("MEM {ranks} {words}");
-    summary.require((-0.02..=0.1).contains(&more), || words)
+println!("MEM {ranks} {words}");
+    summary.require((-0.03..=0.1).contains(&more), || words)
 }
 
 /// The key of a step by hand in a scene.
@@ -201,12 +201,12 @@ fn scene_of_elements(choices: &mut Choices) -> String {
     text + &content(choices, &ENDS, scheme)
 }
 
-/// Cells or elements in one to three dimensions, 2000 to about 150000 unknowns.
+/// Cells or elements in one to three dimensions, about 2000 to 370000 unknowns.
 fn large_scene(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2, 2, 3]);
     let degree: usize = choices.of(&[0, 0, 1, 2, 4]);
-    let counts = [[90, 166, 233, 350], [9, 13, 15, 18], [4, 5, 6, 7]][dimension - 1];
-    let velocities = [[64, 122, 250, 422], [6, 10, 14, 18], [4, 4, 6, 6]][dimension - 1];
+    let counts = [[90, 166, 233, 500], [9, 13, 18, 26], [4, 5, 7, 9]][dimension - 1];
+    let velocities = [[64, 122, 422, 700], [6, 10, 14, 20], [4, 4, 6, 8]][dimension - 1];
     let mut text = String::new();
     for _ in 0..dimension {
         let boundary = choices.of(&["inflow", "inflow", "periodic"]);

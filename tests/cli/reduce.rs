@@ -75,6 +75,20 @@ const ENTERING_ELEMENTS: &[&str] = &[
     "inflow.value=exp(-6*(vx - 0.7)^2)*(1 + vy) if x < 0 else 0",
 ];
 
+/// All axes with elements are merged; velocities enter through an end of the velocity box, as only
+/// elements let them.
+const CELLS_AMONG_ELEMENTS: &[&str] = &[
+    "axis.0.x={lower=-1.2, upper=1.2, cells=6}",
+    "axis.1.x.cells=3",
+    "axis.0.v.cells=6",
+    "axis.1.v={lower=-0.8, upper=0.8, cells=2, degree=1}",
+    "potential.0.value=0.2 - 0.4*x",
+    "potential.1.value=0.2 - 0.4*x",
+    "initial.f=1 - 0.5*x",
+    "inflow.value=exp(-vx^2)",
+    "scheme.flux=1",
+];
+
 const ROWS: &[Row] = &[
     ("example1.toml", &["axis.0.x.cells=24", "axis.0.v.cells=25"], 1),
     (
@@ -95,6 +109,7 @@ const ROWS: &[Row] = &[
     ("step3d.toml", SPACE, 2),
     ("periodic2d.toml", ELEMENTS, 3),
     ("periodic2d.toml", ENTERING_ELEMENTS, 2),
+    ("periodic2d.toml", CELLS_AMONG_ELEMENTS, 2),
 ];
 
 /// A run of a row with results on the whole grid.

@@ -64,7 +64,7 @@ fn spread(space: &PhaseSpace, count: usize, share: f64) -> Vec<[f64; 6]> {
 
 /// A tracer whose cells are those of the case, in each of which `V` is linear.
 fn tracer(case: &Case) -> Tracer<'_> {
-    Tracer::with_cells(case, 1).expect("V is finite")
+    Tracer::with_cells(case, MostCells { curved: 1, ..MostCells::EXACT }).expect("V is finite")
 }
 
 fn distance(a: &[f64; 6], b: &[f64; 6]) -> f64 {

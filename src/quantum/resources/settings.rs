@@ -35,7 +35,7 @@ impl SetUpSettings {
     pub fn new(case: &Case, planned: &PlannedSetUp) -> Self {
         let PlannedSetUp { points, period, bin_bits, .. } = *planned;
         let mut set = Vec::new();
-        if case.has_upwind_cells() && case.space.degree() == 0 {
+        if !case.is_galerkin() {
             set.push(format!("scheme.interface={}", word(&case.interface)));
         }
         set.push(format!("solver.warp={{{}}}", of_warp(case, planned).join(",")));
