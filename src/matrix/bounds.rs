@@ -14,12 +14,13 @@
 //! summed over the axes, and couplings to auxiliary unknowns add `½ ‖C‖ √(1+μ²)` on either side.
 
 use crate::base::error::Result;
+use crate::base::text::short;
 use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
 use crate::problem::case::{Case, Delta, Exact, Method};
 use crate::problem::exact::{MostCells, traced_cells};
-use crate::problem::grid::{MAX_DIMENSION, axis_names};
-use crate::problem::potential::Potential;
+use crate::problem::grid::{Axis, MAX_DIMENSION, axis_names};
+use crate::problem::potential::{LargestJump, Potential};
 use crate::scheme::interface::energy::check_axis;
 use crate::scheme::interface::{law_of, velocity};
 use crate::scheme::reduce::grid;
@@ -122,14 +123,16 @@ pub struct AssembledSize {
     pub contributions_per_row: f64,
     /// Rows with inflow for each cell of the block.
     pub inflow_rows_per_cell: f64,
+    /// Bytes of the sources of a time-dependent inflow for each cell of the block.
+    pub source_bytes_per_cell: f64,
 }
 
 /// The properties of `V` on the whole space grid on which the bounds depend.
 struct PotentialScan<'a> {
     /// Bound on the rate of the transport along the velocity axes.
     force: f64,
-    /// Whether `V` jumps at faces across each axis.
-    jumps: [bool; MAX_DIMENSION],
+    /// The largest jump at faces across each axis.
+    jumps: [Option<LargestJump>; MAX_DIMENSION],
     /// Kinds of space cells by slopes and jumps, up to [`MOST_KINDS`].
     kinds: HashSet<[u64; 2 * MAX_DIMENSION]>,
     /// Faces of elements.
@@ -143,7 +146,7 @@ impl<'a> PotentialScan<'a> {
         let layer: usize = ranges[1..].iter().map(Range::len).product();
         let first = &case.space.x[0];
         let layers = (CELLS_AT_ONCE / layer.max(1)).max(1).next_multiple_of(first.nodes.count());
-        let (mut force, mut jumps) = (0.0f64, [false; MAX_DIMENSION]);
+        let (mut force, mut jumps) = (0.0f64, [None; MAX_DIMENSION]);
         let mut kinds = HashSet::new();
         let mut faces = case.is_galerkin().then(|| ElementFaces::new(case));
         for i in (0..first.cells).step_by(layers) {
@@ -153,8 +156,10 @@ impl<'a> PotentialScan<'a> {
             ranges[0] = i..(end + beyond).min(first.cells);
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
-            let found = layer.jumps();
-            (jumps.iter_mut().zip(found)).for_each(|(j, found)| *j |= found);
+            for (jump, found) in jumps.iter_mut().zip(layer.largest_jumps(&case.space)) {
+                let height = |jump: Option<LargestJump>| jump.map_or(0.0, |jump| jump.height);
+                *jump = if height(found) > height(*jump) { found } else { *jump };
+            }
             layer.collect_kinds(&mut kinds, MOST_KINDS);
             ranges[0] = i..end;
             faces.iter_mut().for_each(|faces| faces.add(&layer, &ranges));
@@ -190,7 +195,7 @@ impl Bounds {
         let PotentialScan { force, jumps, kinds, faces } = PotentialScan::new(case)?;
         // Particles return unchanged to a single periodic cell, unless they cross a jump.
         let single: f64 = (0..case.space.dimension())
-            .filter(|&a| jumps[a] && case.space.is_single(a))
+            .filter(|&a| jumps[a].is_some() && case.space.is_single(a))
             .map(|a| fastest(&case.space, a))
             .sum();
         let lines = match faces {
@@ -207,7 +212,7 @@ impl Bounds {
                 lines.iter().map(LineBounds::dissipation).sum(),
             ),
         };
-        let jumps = jumps.contains(&true);
+        let jumps = jumps.iter().any(Option::is_some);
         let inflow = case.embeds();
         let grows = jumps && !case.is_galerkin() && law_of(case.interface).may_grow();
         let growth = allowed_growth(case, grows);
@@ -306,7 +311,7 @@ impl Bounds {
 /// Bounds of the lines along each pair of axes, if an axis has a degree above 0.
 fn line_bounds(
     case: &Case,
-    jumps: [bool; MAX_DIMENSION],
+    jumps: [Option<LargestJump>; MAX_DIMENSION],
     faces: &ElementFaces<'_>,
 ) -> Result<Vec<LineBounds>> {
     let space = &case.space;
@@ -314,10 +319,14 @@ fn line_bounds(
     let n = space.dimension();
     for a in 0..n {
         let (x, v) = (&space.x[a], &space.v[a]);
-        if jumps[a] {
-            check_axis(v, &format!("axis.{a}.v ({})", axis_names(n)[n + a]))?;
+        if let Some(jump) = jumps[a] {
+            let names = axis_names(n);
+            let place = format!("{} = {}", names[a], short(jump.face));
+            let why =
+                format!("V jumps by {} at {place}{}", short(jump.height), if_unintended(jump, v));
+            check_axis(v, &format!("axis.{a}.v ({})", names[n + a]), &why)?;
         }
-        let moves = !space.is_single(a) || jumps[a];
+        let moves = !space.is_single(a) || jumps[a].is_some();
         let speed = |j: i64| if moves { velocity(v, j).abs() / x.width() } else { 0.0 };
         bounds.push(LineBounds::new(PhaseLines {
             nodes: [x.nodes, v.nodes],
@@ -328,6 +337,17 @@ fn line_bounds(
         }));
     }
     Ok(bounds)
+}
+
+/// Says of a jump that is far below the largest `v²/2` on `axis` that it may be none.
+fn if_unintended(jump: LargestJump, axis: &Axis) -> &'static str {
+    /// About the last digit of values that were written with ten.
+    const FEW_DIGITS: f64 = 1e-9;
+    let fastest = axis.lower.abs().max(axis.upper.abs());
+    match jump.height < FEW_DIGITS * 0.5 * fastest * fastest {
+        true => " (if it should not, give V the same digits on both sides)",
+        false => "",
+    }
 }
 
 impl ContributionBounds {

@@ -61,10 +61,21 @@ pub struct VaryingInflow {
     /// `ghosts[ends[m − 1]..ends[m]]` are those of row `m`.
     ends: Vec<usize>,
     /// Rate and centre of each ghost.
-    ghosts: Vec<(f64, [f64; 6])>,
+    ghosts: Vec<InflowSource>,
 }
 
+/// Rate and centre of a ghost.
+type InflowSource = (f64, [f64; 6]);
+
 impl VaryingInflow {
+    /// Bytes of a row with one ghost.
+    pub const ROW_BYTES: usize = size_of::<InflowSource>() + size_of::<usize>();
+
+    /// Bytes of the sources.
+    pub fn bytes(&self) -> usize {
+        size_of::<InflowSource>() * self.ghosts.len() + size_of::<usize>() * self.ends.len()
+    }
+
     /// Adds a row.
     pub(crate) fn push(&mut self, row: &Row) {
         self.ghosts.extend_from_slice(&row.ghosts);
@@ -84,7 +95,7 @@ impl VaryingInflow {
     }
 
     /// Rates and centres of the ghosts of row `m`.
-    fn ghosts_of(&self, m: usize) -> &[(f64, [f64; 6])] {
+    fn ghosts_of(&self, m: usize) -> &[InflowSource] {
         let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
         &self.ghosts[start..self.ends[m]]
     }
@@ -92,8 +103,7 @@ impl VaryingInflow {
     /// The value of `field`'s inflow at the first ghost of row `m` where it is not finite, and the
     /// centre of that ghost.
     pub fn not_finite(&self, field: &LiouvilleField, m: usize, time: f64) -> (f64, [f64; 6]) {
-        let value =
-            |&(_, point): &(f64, [f64; 6])| (field.entering().at_point(&point, time), point);
+        let value = |&(_, point): &InflowSource| (field.entering().at_point(&point, time), point);
         let mut values = self.ghosts_of(m).iter().map(value);
         values.find(|(value, _)| !value.is_finite()).unwrap_or((f64::NAN, [0.0; 6]))
     }

@@ -3,7 +3,7 @@
 use crate::base::memory::NamedBytes;
 use crate::matrix::assembly::layer_bytes;
 use crate::matrix::bounds::{AssembledSize, Bounds};
-use crate::matrix::inflow::AuxiliaryRow;
+use crate::matrix::inflow::{AuxiliaryRow, VaryingInflow};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
@@ -143,6 +143,8 @@ struct FullestRank<'a> {
     auxiliary: u64,
     /// Rows with inflow.
     inflow_rows: u64,
+    /// Bytes of the sources of a time-dependent inflow.
+    sources: u64,
 }
 
 impl<'a> FullestRank<'a> {
@@ -160,7 +162,12 @@ impl<'a> FullestRank<'a> {
             (true, Embedding::Full) => (cells, cells),
             (true, Embedding::Scalar) => (ends, 1),
         };
-        Self { case, bounds, mesh, points, cells, ghosts, auxiliary, inflow_rows }
+        let sources = match &bounds.assembled {
+            Some(found) => (found.source_bytes_per_cell * cells as f64) as u64,
+            None if bounds.inflow && case.varies() => ends * VaryingInflow::ROW_BYTES as u64,
+            None => 0,
+        };
+        Self { case, bounds, mesh, points, cells, ghosts, auxiliary, inflow_rows, sources }
     }
 
     /// Rows of the matrix.
@@ -218,11 +225,18 @@ impl<'a> FullestRank<'a> {
         let more = sorted.max(changed.saturating_sub(before));
         vec![
             self.program(),
+            self.inflow(0),
             NamedBytes::new("rows of the matrix as they are assembled", before),
             NamedBytes::new("layers of them, or weighted rows", more),
             // Weights and the vectors with which they are found.
             NamedBytes::new("weights", 4 * 8 * self.length()),
         ]
+    }
+
+    /// The rows with inflow, and what enters at each of so many `stages`.
+    fn inflow(&self, stages: u64) -> NamedBytes {
+        let each = size_of::<AuxiliaryRow>() as u64 + 8 * stages;
+        NamedBytes::new("inflow", self.inflow_rows * each + self.sources)
     }
 
     /// Bytes of the rows of the matrix, before it is assembled: a bound for any weights. Equal rows
@@ -270,8 +284,7 @@ impl<'a> FullestRank<'a> {
             ));
         }
         if self.inflow_rows > 0 {
-            let each = size_of::<AuxiliaryRow>() as u64 + 8 * bounds.stages as u64;
-            list.push(NamedBytes::new("inflow", self.inflow_rows * each));
+            list.push(self.inflow(bounds.stages as u64));
         }
         if bounds.stages > 0 {
             list.push(NamedBytes::new("field of the time steps", 8 * self.cells));

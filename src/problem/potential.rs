@@ -65,6 +65,15 @@ impl JumpKind {
     }
 }
 
+/// The largest jump of `V` at the faces across an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LargestJump {
+    /// `|V⁺ − V⁻|`.
+    pub height: f64,
+    /// The coordinate of its face.
+    pub face: f64,
+}
+
 /// Evaluates a case's potential, and remembers the first value that is not finite.
 struct PotentialValues<'c> {
     case: &'c Case,
@@ -302,9 +311,16 @@ impl Potential {
         }
     }
 
-    /// Whether `V` jumps anywhere, by axis.
-    pub fn jumps(&self) -> [bool; MAX_DIMENSION] {
-        std::array::from_fn(|a| self.jump.iter().any(|jump| jump[a] != 0.0))
+    /// The largest jump at faces across each axis of `space`; `None` where `V` does not jump.
+    pub fn largest_jumps(&self, space: &PhaseSpace) -> [Option<LargestJump>; MAX_DIMENSION] {
+        std::array::from_fn(|a| {
+            let heights = self.jump.iter().map(|jump| jump[a].abs()).enumerate();
+            let (at, height) =
+                heights.filter(|(_, h)| *h > 0.0).max_by(|a, b| a.1.total_cmp(&b.1))?;
+            let cell = self.ranges[a].start + at / self.strides[a] % self.ranges[a].len();
+            let (axis, cell) = (&space.x[a], cell as i64);
+            Some(LargestJump { height, face: axis.face(axis.split(cell).0) })
+        })
     }
 
     /// Adds to `kinds` the different combinations of jumps at the lower faces of a cell and slopes

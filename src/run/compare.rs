@@ -387,7 +387,10 @@ const LEAST_NORM_KEPT: f64 = 0.5;
 /// Adds the error of the time step, which both readings share, to the error estimate.
 fn include_step_error(summary: &mut Summary) {
     let Some(found) = summary.step_error else { return };
+    // A long step moves the two readings apart by more than its error.
+    let rest = summary.error_estimate.unwrap_or(0.0);
     summary.step_is_estimated = found <= LARGEST_STEP_ERROR
+        && rest <= found.max(summary.tolerance)
         && summary.norm_kept >= Some(LEAST_NORM_KEPT)
         && summary.step_beyond <= 0.5 * found;
     if !summary.step_is_estimated {
@@ -418,9 +421,10 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
     // This part of the error falls with a power of the step; the rest does not depend on it.
     let order = plan.propagation.method.order() as f64;
     let room = tolerance - (whole - found);
-    let enough = match room > 0.0 {
-        true => format!("about {:.1e} would meet it", step * (room / found).powf(1.0 / order)),
-        false => "the rest of the error is above the tolerance at any step".to_owned(),
+    let enough = match (room > 0.0, summary.step_is_estimated) {
+        (true, _) => format!("about {:.1e} would meet it", step * (room / found).powf(1.0 / order)),
+        (false, true) => "the rest of the error is above the tolerance at any step".to_owned(),
+        (false, false) => "take a shorter one".to_owned(),
     };
     (whole > tolerance).then(|| {
         format!(

@@ -160,5 +160,6 @@ fn assembled_size(world: &Group, matrix: &BlockMatrix) -> AssembledSize {
         changed_bytes_per_row: largest(assembly.changed_bytes, matrix.rows()),
         contributions_per_row: world.max(assembly.contributions_per_row),
         inflow_rows_per_cell: largest(matrix.inflow.len(), matrix.block.cells()),
+        source_bytes_per_cell: largest(matrix.entering.bytes(), matrix.block.cells()),
     }
 }

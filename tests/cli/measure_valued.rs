@@ -134,6 +134,7 @@ fn mistakes_in_measure_valued_data_are_refused() {
         ("exact={f=\"x\"}", &["exact.f", "measure-valued"]),
         ("output.delta_width=wide", &["output.delta_width", "determinant", "gradient"]),
         ("axis.0.x.degree=1", &["axis.0.v.degree", "a degree of 1 or more expected", "1 or more"]),
+        ("scheme.flux=0.5", &["scheme.flux", "a degree of 1 or more", "leave it out"]),
         ("initial={density=\"1\"}", &["initial.velocity", "list of 1"]),
         ("initial={velocity=[\"1\"]}", &["initial.density", "missing"]),
     ];

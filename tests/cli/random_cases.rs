@@ -8,7 +8,8 @@ use crate::support::{
 };
 
 /// Random scenes, which are the same in every run of the tests, are refused, or solved to the
-/// tolerance with the same bits on more ranks and with an error estimate of the right size.
+/// tolerance with the same bits on more ranks, with an error estimate of the right size, and in the
+/// planned memory.
 #[test]
 fn random_scenes_are_solved_or_refused() {
     solved_or_refused_scenes(60, scene);
@@ -34,8 +35,8 @@ fn random_scenes_of_implicit_methods_are_solved_or_refused() {
     solved_or_refused_scenes(24, |choices| scene_of_methods(choices, Steps::ByHand));
 }
 
-/// The same for scenes of thousands of unknowns and more, which do not fit into caches: steps are
-/// blocked, and memory is that of the plan.
+/// The same for scenes of thousands of unknowns and more, which do not fit into caches, so that
+/// steps are blocked, and which take more memory than the program itself.
 #[test]
 fn large_random_scenes_are_solved_or_refused() {
     solved_or_refused_scenes(12, large_scene);
@@ -108,7 +109,6 @@ fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
 /// Checks that a run on so many ranks takes about the planned memory.
 fn memory_is_planned(summary: &Summary, ranks: usize) -> Result<(), String> {
     let (more, words) = planned_above_peak(summary, ranks)?;
-println!("MEM {ranks} {words}");
     summary.require((-0.03..=0.1).contains(&more), || words)
 }
 

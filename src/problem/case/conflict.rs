@@ -81,6 +81,15 @@ impl Case {
                 "; give initial.f",
             ));
         }
+        if self.space.whole_degree() == 0 {
+            let reason = "initial.velocity with a flux other than upwind takes elements of a \
+                          degree of 1 or more";
+            return Some(Conflict::new(
+                "scheme.flux",
+                reason,
+                "; leave it out, or give scheme.degree",
+            ));
+        }
         let a = self.space.v.iter().position(|v| v.nodes.degree == 0)?;
         let reason = "initial.velocity with elements takes the zeros of polynomials in the \
                       velocity; a degree of 1 or more expected";

@@ -147,11 +147,11 @@ fn index(cells: usize, side: FaceSide, node: usize) -> usize {
 }
 
 /// Refuses velocity axes with an element around `v = 0`, which would have traces in both
-/// directions.
+/// directions. `jump` says where V jumps.
 ///
 /// # Errors
 /// [`Error::Input`], naming the nearest box with a face at 0.
-pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
+pub fn check_axis(axis: &Axis, name: &str, jump: &str) -> Result<()> {
     let whole = axis.whole();
     let (at, elements) = (whole.position(0.0), whole.elements() as f64);
     if at <= 0.0 || at >= elements || (at - at.round()).abs() <= ON_FACE {
@@ -167,9 +167,9 @@ pub fn check_axis(axis: &Axis, name: &str) -> Result<()> {
         format!("The box [{}, {}] has it on a face. ", end(-below), end(elements - below))
     };
     Err(Error::Input(format!(
-        "{name}: v = 0 must be a face of the cells, as V jumps along this axis and faces are \
-         matched by energy. With {elements} cells on [{}, {}] it is inside of a cell. {hint}An \
-         even number of cells on a box that is symmetric about 0 has it on a face, too",
+        "{name}: v = 0 must be a face of the cells, as {jump} and faces are matched by energy. \
+         With {elements} cells on [{}, {}] it is inside of a cell. {hint}An even number of cells \
+         on a box that is symmetric about 0 has it on a face, too",
         whole.lower, whole.upper
     )))
 }

@@ -489,7 +489,14 @@ fn velocity_0_inside_an_element_is_refused_at_jumps() {
         case("example1.toml", &["axis.0.x.cells=4", velocities, "scheme.degree=2", conservative])
     };
     let odd = of("axis.0.v.cells=5");
-    let message = Bounds::new(&odd).map(|_| ()).map_err(|e| e.to_string());
-    assert!(message.as_ref().is_err_and(|m| m.contains("axis.0.v")), "{message:?}");
+    let refused = |case: &Case, words: &[&str]| {
+        let message = Bounds::new(case).map(|_| ()).map_err(|e| e.to_string());
+        let is_named = message.as_ref().is_err_and(|m| words.iter().all(|word| m.contains(word)));
+        assert!(is_named, "{message:?}");
+    };
+    refused(&odd, &["axis.0.v", "V jumps by 0.2 at x = 0 and"]);
+    let rounded = ["potential.0.value=0.333333333333", "potential.1.value=1/3"];
+    let rounded = [&rounded[..], &["axis.0.v.cells=5", "scheme.degree=2"]].concat();
+    refused(&case("example1.toml", &rounded), &["V jumps by 3.333e-13", "same digits"]);
     assert!(Bounds::new(&of("axis.0.v.cells=4")).is_ok());
 }
