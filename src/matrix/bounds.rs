@@ -81,9 +81,9 @@ pub struct Bounds {
     /// Bound on the spectrum of `−S` of the scheme itself; for degree 0 `2 max |A_ii|`.
     #[serde(skip)]
     pub dissipation: f64,
-    /// Whether `V` has slopes.
+    /// Whether a force acts along each axis: whether `V` has slopes along it.
     #[serde(skip)]
-    pub forces: bool,
+    pub forces: [bool; MAX_DIMENSION],
     /// Bounds by axis for elements; empty for the upwind scheme of degree 0.
     #[serde(skip)]
     pub lines: Vec<LineBounds>,
@@ -92,6 +92,9 @@ pub struct Bounds {
     pub coupling: f64,
     /// Whether `V` jumps.
     pub jumps: bool,
+    /// Whether it jumps at faces across each axis.
+    #[serde(skip)]
+    pub jumps_across: [bool; MAX_DIMENSION],
     /// Number of kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]. Cells of a
     /// kind have equal rows.
     pub kinds: usize,
@@ -131,6 +134,8 @@ pub struct AssembledSize {
 struct PotentialScan<'a> {
     /// Bound on the rate of the transport along the velocity axes.
     force: f64,
+    /// Whether a force acts along each axis.
+    forces: [bool; MAX_DIMENSION],
     /// The largest jump at faces across each axis.
     jumps: [Option<LargestJump>; MAX_DIMENSION],
     /// Kinds of space cells by slopes and jumps, up to [`MOST_KINDS`].
@@ -146,7 +151,8 @@ impl<'a> PotentialScan<'a> {
         let layer: usize = ranges[1..].iter().map(Range::len).product();
         let first = &case.space.x[0];
         let layers = (CELLS_AT_ONCE / layer.max(1)).max(1).next_multiple_of(first.nodes.count());
-        let (mut force, mut jumps) = (0.0f64, [None; MAX_DIMENSION]);
+        let (mut force, mut forces) = (0.0f64, [false; MAX_DIMENSION]);
+        let mut jumps = [None; MAX_DIMENSION];
         let mut kinds = HashSet::new();
         let mut faces = case.is_galerkin().then(|| ElementFaces::new(case));
         for i in (0..first.cells).step_by(layers) {
@@ -156,6 +162,7 @@ impl<'a> PotentialScan<'a> {
             ranges[0] = i..(end + beyond).min(first.cells);
             let layer = Potential::new(case, &ranges)?;
             force = force.max(layer.force_rate(&case.space));
+            (forces.iter_mut().enumerate()).for_each(|(a, acts)| *acts |= layer.steepest(a) > 0.0);
             for (jump, found) in jumps.iter_mut().zip(layer.largest_jumps(&case.space)) {
                 let height = |jump: Option<LargestJump>| jump.map_or(0.0, |jump| jump.height);
                 *jump = if height(found) > height(*jump) { found } else { *jump };
@@ -164,7 +171,7 @@ impl<'a> PotentialScan<'a> {
             ranges[0] = i..end;
             faces.iter_mut().for_each(|faces| faces.add(&layer, &ranges));
         }
-        Ok(Self { force, jumps, kinds, faces })
+        Ok(Self { force, forces, jumps, kinds, faces })
     }
 }
 
@@ -192,7 +199,7 @@ impl Bounds {
     /// # Errors
     /// [`crate::base::error::Error::Formula`] if `V` is not finite.
     pub fn new(case: &Case) -> Result<Self> {
-        let PotentialScan { force, jumps, kinds, faces } = PotentialScan::new(case)?;
+        let PotentialScan { force, forces, jumps, kinds, faces } = PotentialScan::new(case)?;
         // Particles return unchanged to a single periodic cell, unless they cross a jump.
         let single: f64 = (0..case.space.dimension())
             .filter(|&a| jumps[a].is_some() && case.space.is_single(a))
@@ -212,7 +219,8 @@ impl Bounds {
                 lines.iter().map(LineBounds::dissipation).sum(),
             ),
         };
-        let jumps = jumps.iter().any(Option::is_some);
+        let jumps_across = jumps.map(|jump| jump.is_some());
+        let jumps = jumps_across.contains(&true);
         let inflow = case.embeds();
         let grows = jumps && !case.is_galerkin() && law_of(case.interface).may_grow();
         let growth = allowed_growth(case, grows);
@@ -221,7 +229,7 @@ impl Bounds {
             growth,
             decay: dissipation + growth,
             dissipation,
-            forces: force > 0.0,
+            forces,
             lines,
             coupling: if inflow {
                 0.5 * f64::sqrt(INFLOW_GROWTH * rate / case.duration())
@@ -229,6 +237,7 @@ impl Bounds {
                 0.0
             },
             jumps,
+            jumps_across,
             kinds: kinds.len(),
             traced: OnceLock::new(),
             stages: 0,
@@ -240,6 +249,11 @@ impl Bounds {
 }
 
 impl Bounds {
+    /// Whether a force acts.
+    pub fn has_forces(&self) -> bool {
+        self.forces.contains(&true)
+    }
+
     /// These bounds with a finite growth, for planning the layout before the growth is measured.
     pub fn expected(&self) -> Self {
         Self {
@@ -395,10 +409,11 @@ mod tests {
                 growth,
                 decay: 2.0 * rate + growth,
                 dissipation: 2.0 * rate,
-                forces: false,
+                forces: [false; MAX_DIMENSION],
                 lines: Vec::new(),
                 coupling: 0.0,
                 jumps: true,
+                jumps_across: [true; MAX_DIMENSION],
                 kinds: 1,
                 weighted: true,
                 inflow: false,

@@ -125,6 +125,7 @@ pub(crate) fn arrays(
     let lists = [expanding, estimating, solving, vec![rank.traced()]];
     let largest = lists.into_iter().max_by_key(bytes).unwrap_or_default();
     let running = [rank.system(), largest].concat();
+
     [rank.assembling(), running].into_iter().max_by_key(bytes).unwrap_or_default()
 }
 
@@ -379,7 +380,7 @@ impl<'a> FullestRank<'a> {
             // A slope for each unknown, two neighbours for each space cell and axis, faces at the
             // ends of the box and at about as many jumps.
             let n = case.space.dimension() as u64;
-            let force = u64::from(self.bounds.forces && self.bounds.inflow);
+            let force = u64::from(self.bounds.has_forces() && self.bounds.inflow);
             let ends: u64 = case.space.x.iter().map(|a| 4 * cells / a.cells as u64).sum();
             let lines = force * cells / case.space.v[0].cells as u64;
             let slopes = 8 * length + 16 * n * self.points + 72 * ends + 8 * n * lines;
@@ -518,7 +519,7 @@ fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
         .sum();
     // With elements and a force, all nodes of the elements at one end of a velocity axis have
     // inflow.
-    match bounds.forces && case.is_galerkin() {
+    match bounds.has_forces() && case.is_galerkin() {
         true => ends + space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
         false => ends,
     }
@@ -530,10 +531,11 @@ fn largest_share(axis: &Axis, mesh: &ProcessMesh) -> u64 {
     (elements * axis.nodes.count()) as u64
 }
 
-/// Entries of a row of `(S, K)`, without couplings to auxiliary unknowns: for degree 0 of a row
-/// away from jumps of `V`, for elements of a row at a jump, if there are any.
+/// Entries of a row of `(S, K)` on average, without couplings to auxiliary unknowns: for degree 0 of
+/// a row away from jumps of `V`, for elements as if all of them were at jumps, if there are any.
 fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
-    let along = |x: &Axis, v: &Axis| {
+    let along = |a: usize| {
+        let (x, v) = (&space.x[a], &space.v[a]);
         // The element's other nodes, and the one across a face.
         let transport = match x.nodes.degree {
             0 => 2,
@@ -544,14 +546,17 @@ fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
             0 => 2,
             k => 3 * (k + 1) - 1,
         };
-        // The energies of an element overlap up to three elements across the jump.
+        // The energies of an element overlap up to three elements across the jump, which couples
+        // the first and the last node of an element of space.
         let jump = match space.degree() {
             0 => 0,
-            _ => 3 * v.nodes.count(),
+            _ => (2 * 3 * v.nodes.count()).div_ceil(x.nodes.count().max(2)),
         };
-        transport + usize::from(bounds.forces) * force + usize::from(bounds.jumps) * jump
+        transport
+            + usize::from(bounds.forces[a]) * force
+            + usize::from(bounds.jumps_across[a]) * jump
     };
-    1 + space.x.iter().zip(&space.v).map(|(x, v)| along(x, v) as u64).sum::<u64>()
+    1 + (0..space.dimension()).map(|a| along(a) as u64).sum::<u64>()
 }
 
 /// Bytes of a rank's buffers for one cell: all its modes, its values, and messages in both

@@ -44,11 +44,10 @@ pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
     let MatrixShare { case, bounds, mesh, .. } = share;
     let x = case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p));
     let mut lengths: Vec<f64> = x.map(|cells| cells as f64).collect();
-    if bounds.forces {
-        lengths.extend(case.space.v.iter().map(|a| a.cells as f64));
-    }
+    let forced = case.space.v.iter().zip(bounds.forces).filter(|(_, acts)| *acts);
+    lengths.extend(forced.map(|(a, _)| a.cells as f64));
     let nodes = case.space.x.iter().map(|axis| axis.nodes.degree + 1).max().unwrap_or(1) as f64;
-    let within = if bounds.forces { nodes } else { 1.0 };
+    let within = if bounds.has_forces() { nodes } else { 1.0 };
     let longest = lengths.iter().copied().fold(1.0, f64::max);
     let across = lengths.iter().product::<f64>() / longest;
     let fill = match lengths.len() {

@@ -106,10 +106,13 @@ fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
     Ok(true)
 }
 
-/// Checks that a run on so many ranks takes about the planned memory.
+/// Checks that a run on so many ranks takes about the planned memory. The plan is for a rank that
+/// has the most of everything. With a few elements along an axis, one rank may have the jumps, and
+/// another the most unknowns.
 fn memory_is_planned(summary: &Summary, ranks: usize) -> Result<(), String> {
     let (more, words) = planned_above_peak(summary, ranks)?;
-    summary.require((-0.03..=0.1).contains(&more), || words)
+    let most = if ranks == 1 { 0.1 } else { 0.6 };
+    summary.require((-0.03..=most).contains(&more), || words)
 }
 
 /// The key of a step by hand in a scene.
@@ -204,7 +207,8 @@ fn scene_of_elements(choices: &mut Choices) -> String {
 /// Cells or elements in one to three dimensions, about 2000 to 370000 unknowns.
 fn large_scene(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2, 2, 3]);
-    let degree: usize = choices.of(&[0, 0, 1, 2, 4]);
+    let degrees: [usize; 5] = if dimension < 3 { [0, 0, 1, 2, 4] } else { [0, 0, 1, 1, 2] };
+    let degree = choices.of(&degrees);
     let counts = [[90, 166, 233, 500], [9, 13, 18, 26], [4, 5, 7, 9]][dimension - 1];
     let velocities = [[64, 122, 422, 700], [6, 10, 14, 20], [4, 4, 6, 8]][dimension - 1];
     let mut text = String::new();

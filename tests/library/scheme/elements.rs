@@ -314,7 +314,7 @@ fn random_scenes() {
         scene.check_dissipation();
         scene.check_intervals();
         jumps += usize::from(bounds.jumps);
-        forces += usize::from(bounds.forces);
+        forces += usize::from(bounds.has_forces());
         open += usize::from(scene.damping.iter().any(|g| *g > 0.0));
     }
     println!("of 100 scenes {jumps} have jumps, {forces} slopes, {open} ends");
