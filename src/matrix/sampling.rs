@@ -98,7 +98,7 @@ pub fn sample(
         }
         values
     };
-    let values = match space.degree() {
+    let values = match space.whole_degree() {
         0 => part.at_cells(space, |cell| space.point(cell), &mut checked),
         _ => projected(world, space, part, &mut checked),
     };

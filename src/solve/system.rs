@@ -105,7 +105,7 @@ fn initial_values(
     rank_cells: &RankCells,
 ) -> Result<Vec<Vec<f64>>> {
     let world = &communicator.world;
-    let is_shared = case.space.degree() > 0 && communicator.modes.size() > 1;
+    let is_shared = case.space.whole_degree() > 0 && communicator.modes.size() > 1;
     let part = if is_shared { rank_cells.part() } else { SampledCells::whole(&matrix.block) };
     let values = |(k, field): (usize, &LiouvilleField)| {
         let (key, values) = match &case.start_field {

@@ -75,8 +75,8 @@ const ENTERING_ELEMENTS: &[&str] = &[
     "inflow.value=exp(-6*(vx - 0.7)^2)*(1 + vy) if x < 0 else 0",
 ];
 
-/// All axes with elements are merged; velocities enter through an end of the velocity box, as only
-/// elements let them.
+/// All axes with elements are merged. The scheme stays that of elements: velocities enter through an
+/// end of the velocity box, and data are projected.
 const CELLS_AMONG_ELEMENTS: &[&str] = &[
     "axis.0.x={lower=-1.2, upper=1.2, cells=6}",
     "axis.1.x.cells=3",
@@ -84,7 +84,7 @@ const CELLS_AMONG_ELEMENTS: &[&str] = &[
     "axis.1.v={lower=-0.8, upper=0.8, cells=2, degree=1}",
     "potential.0.value=0.2 - 0.4*x",
     "potential.1.value=0.2 - 0.4*x",
-    "initial.f=1 - 0.5*x",
+    "initial.f=exp(-9*(x + 0.3)^2 - 3*(vx - 0.2)^2)",
     "inflow.value=exp(-vx^2)",
     "scheme.flux=1",
 ];

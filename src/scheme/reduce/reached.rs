@@ -39,7 +39,7 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
         // Level sets vanish at single velocities only.
         return Ok(());
     }
-    let cells = match case.space.degree() {
+    let cells = match case.space.whole_degree() {
         0 => case.space.cells(),
         _ => case.space.by_elements().cells().saturating_mul(Points::new(&case.space).count()),
     };
@@ -241,7 +241,7 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
         .collect();
     // Whether the lowest and the highest velocity of each plane are reached somewhere.
     let mut ends = vec![[false; 2]; n];
-    let points = (case.space.degree() > 0).then(|| Points::new(&case.space));
+    let points = (case.space.whole_degree() > 0).then(|| Points::new(&case.space));
     let scheme = case.enters().then(|| Scheme::whole(case)).transpose()?;
     let mut row = Row::default();
     let velocities = space.velocity_cells();
