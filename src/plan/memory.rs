@@ -531,8 +531,8 @@ fn largest_share(axis: &Axis, mesh: &ProcessMesh) -> u64 {
     (elements * axis.nodes.count()) as u64
 }
 
-/// Entries of a row of `(S, K)` on average, without couplings to auxiliary unknowns: for degree 0 of
-/// a row away from jumps of `V`, for elements as if all of them were at jumps, if there are any.
+/// Entries of a row of `(S, K)` on average, without couplings to auxiliary unknowns: for degree 0
+/// of a row away from jumps of `V`, for elements as if all of them were at jumps, if there are any.
 fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
     let along = |a: usize| {
         let (x, v) = (&space.x[a], &space.v[a]);

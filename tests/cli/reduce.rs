@@ -1,9 +1,12 @@
 //! Reductions do not change the solution: they remove only unknowns that a case does not need.
 
+use crate::random_cases::Choices;
 use crate::support::{
-    Finished, Job, Mistake, all_refused, case, check_all, directory, field, of_case, text_of,
+    Finished, Job, Mistake, Summary, all_refused, case, check_all, datasets, differences,
+    directory, distance, field, number_from_environment, of_case, require, text_of,
 };
-use crate::support::{datasets, differences, distance};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A case, its settings, and the number of ranks.
 type Row = (&'static str, &'static [&'static str], usize);
@@ -131,30 +134,143 @@ fn answers_are_those_of_the_whole_grid() {
         let all = run(row, &["solver.reduce=false"]).solve(without.path())?;
         let cells = [less.number("cells")?, all.number("cells")?];
         less.require(cells[0] < cells[1], || format!("{cells:?} cells"))?;
-        for key in ["mass", "mass_initial", "kinetic_energy", "error_l1", "error_l2"] {
-            let (a, b) = (less.number(key)?, all.number(key)?);
-            let close = (a - b).abs() <= 1e-6 * b.abs().max(1e-3);
-            less.require(close, || format!("{key}: {a:e}, of the whole grid {b:e}"))?;
+        numbers_agree(&less, &all, &["error_l1", "error_l2"])?;
+        datasets_agree(&less, with.path(), without.path())
+    });
+}
+
+/// Checks that mass, energy and `more` numbers of the summary agree with those of the whole grid.
+fn numbers_agree(less: &Summary, all: &Summary, more: &[&str]) -> Result<(), String> {
+    for key in ["mass", "mass_initial", "kinetic_energy"].iter().chain(more) {
+        let (a, b) = (less.number(key)?, all.number(key)?);
+        let close = (a - b).abs() <= 1e-6 * b.abs().max(1e-3);
+        less.require(close, || format!("{key}: {a:e}, of the whole grid {b:e}"))?;
+    }
+    Ok(())
+}
+
+/// Checks that the datasets in `with` agree with those in `without`, of the whole grid.
+fn datasets_agree(less: &Summary, with: &Path, without: &Path) -> Result<(), String> {
+    let (a, b) = (datasets(with)?, datasets(without)?);
+    for (name, whole) in &b {
+        let found = a.get(name).ok_or_else(|| format!("no {name}"))?;
+        if matches!(&name[..], "/plan" | "/case") {
+            continue;
         }
-        let (a, b) = (datasets(with.path())?, datasets(without.path())?);
-        for (name, whole) in &b {
-            let found = a.get(name).ok_or_else(|| format!("no {name}"))?;
-            if matches!(&name[..], "/plan" | "/case") {
-                continue;
-            }
-            less.require(found.shape == whole.shape, || {
-                format!("{name}: {:?}, of the whole grid {:?}", found.shape, whole.shape)
-            })?;
-            // Mean velocities are undefined where the density is almost zero. Planes are copies of
-            // parts of fields (tests/readers.py), in which f may be small.
-            if !name.contains("velocity") && !name.contains("plane_") {
-                let apart = distance(&found.numbers(), &whole.numbers());
-                let same = apart <= 3e-7 || whole.numbers().iter().all(|x| *x == 0.0);
-                less.require(same, || format!("{name}: {apart:e} apart"))?;
-            }
+        less.require(found.shape == whole.shape, || {
+            format!("{name}: {:?}, of the whole grid {:?}", found.shape, whole.shape)
+        })?;
+        // Mean velocities are undefined where the density is almost zero. Planes are copies of
+        // parts of fields (tests/readers.py), in which f may be small.
+        if !name.contains("velocity") && !name.contains("plane_") {
+            let (found, whole) = (found.numbers(), whole.numbers());
+            let apart = distance(&found, &whole);
+            // Momentum and energy may almost vanish.
+            let same =
+                apart <= 3e-7 || found.iter().zip(&whole).all(|(a, b)| (a - b).abs() <= 1e-6);
+            less.require(same, || format!("{name}: {apart:e} apart"))?;
         }
+    }
+    Ok(())
+}
+
+/// The same for random scenes: cells and elements, mixed by axis, with data, inflow and `V` that
+/// depend on some of the coordinates.
+#[test]
+fn answers_of_random_scenes_are_those_of_the_whole_grid() {
+    let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
+    let count = 24 * number_from_environment("PHASEWARP_SCENES", 100) / 100;
+    let seeds: Vec<u64> = (first..first + count).collect();
+    let reduced = AtomicUsize::new(0);
+    check_all(&seeds, |&seed| {
+        let mut choices = Choices(seed);
+        let text = scene(&mut choices);
+        let with_scene = |message: String| format!("{message}\n  of scene {seed}:\n{text}");
+        let is_reduced = agrees_with_the_whole_grid(&text, choices.of(&[1, 2, 3]));
+        let is_reduced = is_reduced.map_err(with_scene)?;
+        reduced.fetch_add(usize::from(is_reduced), Ordering::Relaxed);
         Ok(())
     });
+    let reduced = reduced.into_inner();
+    assert!(2 * reduced > seeds.len(), "only {reduced} of {} reduced", seeds.len());
+}
+
+/// Checks the results of a scene. Returns whether it has fewer unknowns than the whole grid.
+fn agrees_with_the_whole_grid(scene: &str, ranks: usize) -> Result<bool, String> {
+    let (with, without) = (directory(), directory());
+    let path = with.path().join("scene.toml");
+    std::fs::write(&path, scene).map_err(|e| e.to_string())?;
+    let path = path.display().to_string();
+    let job = |more: &[&str]| Job::new(["run", &path]).set(more);
+    let finished = job(&[]).on(ranks).into(with.path()).run()?;
+    if finished.code == Some(2) {
+        let whole = job(&["solver.reduce=false"]).into(without.path()).run()?;
+        require(whole.code == Some(2), &whole, || "only the reduced scene is refused".into())?;
+        return Ok(false);
+    }
+    require(finished.code == Some(0), &finished, || "neither solved nor refused".into())?;
+    let less = Summary::read(finished, with.path())?;
+    let all = job(&["solver.reduce=false"]).solve(without.path())?;
+    numbers_agree(&less, &all, &[])?;
+    datasets_agree(&less, with.path(), without.path())?;
+    Ok(less.number("cells")? < all.number("cells")?)
+}
+
+/// A random scene in one to three dimensions, of at most about 5000 unknowns.
+fn scene(choices: &mut Choices) -> String {
+    let n = choices.of(&[1, 2, 2, 3]);
+    let names = ["x", "y", "z"];
+    let (space, velocities, degrees) = match n {
+        1 => ([4, 7, 12], [4, 6, 8], [0, 1, 2, 3]),
+        2 => ([2, 3, 5], [2, 4, 4], [0, 0, 1, 2]),
+        _ => ([1, 2, 3], [2, 2, 2], [0, 0, 0, 1]),
+    };
+    let mut text = String::new();
+    let mut data = "1".to_owned();
+    for name in &names[..n] {
+        let boundary = choices.of(&["inflow", "periodic", "periodic"]);
+        let lower = choices.of(&["-1", "-1", "0.3"]);
+        text += &format!(
+            "[[axis]]\nx = {{ lower = -1, upper = {}, cells = {}, degree = {}, \
+             boundary = \"{boundary}\" }}\n\
+             v = {{ lower = {lower}, upper = 1, cells = {}, degree = {} }}\n",
+            choices.of(&["0.7", "1"]),
+            choices.of(&space),
+            choices.of(&degrees),
+            choices.of(&velocities),
+            choices.of(&degrees),
+        );
+        let along = [
+            "1".to_owned(),
+            format!("exp(-3*({name} + 0.3)^2)"),
+            format!("(1 if {name} < 0 else 0.5)"),
+        ];
+        let velocity = [
+            "1".to_owned(),
+            "1".to_owned(),
+            format!("exp(-3*(v{name} - 0.2)^2)"),
+            format!("max(0, 1 - 4*abs(v{name} - 0.5))"),
+        ];
+        let chosen = [choices.of(&[0, 0, 1, 2]), choices.of(&[0, 1, 2, 3])];
+        data += &format!("*{}*{}", along[chosen[0]], velocity[chosen[1]]);
+    }
+    let last = names[n - 1];
+    let potentials = [
+        String::new(),
+        "[[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n".to_owned(),
+        format!("[[potential]]\nwhere = \"{last} < 0\"\nvalue = \"-0.1\"\n"),
+        "[[potential]]\nwhere = \"x < 9\"\nvalue = \"0.3*x\"\n".to_owned(),
+        format!("[[potential]]\nwhere = \"x < 9\"\nvalue = \"0.1*{last}^2\"\n"),
+    ];
+    text += &potentials[choices.of(&[0, 1, 2, 3, 4])];
+    let enters = choices.of(&["0", "0", "initial", "exp(-3*vx^2)", "0.5 + 0.5*sin(3*t)"]);
+    let end = choices.of(&["0.1", "0.5"]);
+    let scheme = choices.of(&["flux = 1", "flux = 1", "flux = 0.5", "flux = 0"]);
+    text + &format!(
+        "[[potential]]\nvalue = \"0\"\n[initial]\nf = \"{data}\"\n\
+         [inflow]\nvalue = \"{enters}\"\n[time]\nend = {end}\n[scheme]\n{scheme}\n\
+         [output]\nexpand = true\nmoment_times = [0.05]\n[solver]\ntolerance = 1e-7\n"
+    )
 }
 
 /// For measure-valued data, the exact mass and the errors of the moments are those of the whole
