@@ -1,7 +1,9 @@
 //! Fields and moments before the end equal those of shorter runs.
 
+use crate::random_cases::check_scenes;
+use crate::reduce::scene;
 use crate::support::{
-    Job, at_most, check_all, datasets, directory, distance, near, parsed, run, text_of,
+    Job, at_most, check_all, datasets, directory, distance, near, parsed, require, run, text_of,
     tolerance_is_met,
 };
 
@@ -67,6 +69,53 @@ fn results_before_the_end_equal_those_of_shorter_runs() {
         let mass = long["/history/mass"].numbers();
         near("mass", mass[last], summary.number("mass")?, 1e-15)
     });
+}
+
+/// The same for random scenes, cells and elements mixed by axis, by three methods.
+#[test]
+fn random_fields_before_the_end_equal_those_of_shorter_runs() {
+    check_scenes(12, 0.5, |choices| {
+        let text = scene(choices);
+        let place = directory();
+        let path = place.path().join("scene.toml");
+        std::fs::write(&path, &text).map_err(|e| e.to_string())?;
+        let time = choices.of(&[0.02, 0.05, 0.0777]);
+        let method = choices.of(&[
+            "solver.propagator.method=chebyshev",
+            "solver.propagator.method=krylov",
+            "solver.method=classical",
+        ]);
+        let path = path.display().to_string();
+        let job = Job::new(["run", &path]).set(&[method]);
+        let agree = fields_agree(&job, time, choices.of(&[1, 2, 3]));
+        agree.map_err(|e| format!("{e}\n  of {method}, {time}:\n{text}"))
+    });
+}
+
+/// Checks that the field of a run at `time` is that of a run that ends there. Returns whether these
+/// are not refused.
+fn fields_agree(job: &Job, time: f64, ranks: usize) -> Result<bool, String> {
+    let (long, short) = (directory(), directory());
+    let until = job.clone().set(&[&format!("time.end={time}"), "output.moment_times=[]"]);
+    let until = until.into(short.path()).run()?;
+    if until.code == Some(2) {
+        return Ok(false);
+    }
+    require(until.code == Some(0), &until, || "neither solved nor refused".into())?;
+    job.clone().set(&[&format!("output.field_times=[{time}]")]).on(ranks).solve(long.path())?;
+    let (long, short) = (datasets(long.path())?, datasets(short.path())?);
+    let times = long["/axis/time"].numbers();
+    let place = times.iter().position(|t| (t - time).abs() < 1e-12);
+    let place = place.ok_or_else(|| format!("{time} is not among {times:?}"))?;
+    for (history, dataset, k) in [("/history/f", "/f", 0), ("/history/density", "/density", place)]
+    {
+        let (all, one) = (long[history].numbers(), short[dataset].numbers());
+        let found = &all[k * one.len()..(k + 1) * one.len()];
+        let same = one.iter().all(|x| *x == 0.0) && found.iter().all(|x| *x == 0.0);
+        let apart = if same { 0.0 } else { distance(found, &one) };
+        at_most(dataset, apart, 3e-7)?;
+    }
+    Ok(true)
 }
 
 /// `solver.verify` compares the fields at each output time with the exact ones at that time. The

@@ -1,12 +1,11 @@
 //! Reductions do not change the solution: they remove only unknowns that a case does not need.
 
-use crate::random_cases::Choices;
+use crate::random_cases::{Choices, check_scenes};
 use crate::support::{
     Finished, Job, Mistake, Summary, all_refused, case, check_all, datasets, differences,
-    directory, distance, field, number_from_environment, of_case, require, text_of,
+    directory, distance, field, of_case, require, text_of,
 };
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A case, its settings, and the number of ranks.
 type Row = (&'static str, &'static [&'static str], usize);
@@ -178,21 +177,11 @@ fn datasets_agree(less: &Summary, with: &Path, without: &Path) -> Result<(), Str
 /// depend on some of the coordinates.
 #[test]
 fn answers_of_random_scenes_are_those_of_the_whole_grid() {
-    let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
-    let count = 24 * number_from_environment("PHASEWARP_SCENES", 100) / 100;
-    let seeds: Vec<u64> = (first..first + count).collect();
-    let reduced = AtomicUsize::new(0);
-    check_all(&seeds, |&seed| {
-        let mut choices = Choices(seed);
-        let text = scene(&mut choices);
-        let with_scene = |message: String| format!("{message}\n  of scene {seed}:\n{text}");
+    check_scenes(24, 0.3, |choices| {
+        let text = scene(choices);
         let is_reduced = agrees_with_the_whole_grid(&text, choices.of(&[1, 2, 3]));
-        let is_reduced = is_reduced.map_err(with_scene)?;
-        reduced.fetch_add(usize::from(is_reduced), Ordering::Relaxed);
-        Ok(())
+        is_reduced.map_err(|e| format!("{e}\n  of:\n{text}"))
     });
-    let reduced = reduced.into_inner();
-    assert!(3 * reduced > seeds.len(), "only {reduced} of {} reduced", seeds.len());
 }
 
 /// Checks the results of a scene. Returns whether it has fewer unknowns than the whole grid.
@@ -216,8 +205,8 @@ fn agrees_with_the_whole_grid(scene: &str, ranks: usize) -> Result<bool, String>
     Ok(less.number("cells")? < all.number("cells")?)
 }
 
-/// A random scene in one to three dimensions, of at most about 5000 unknowns.
-fn scene(choices: &mut Choices) -> String {
+/// A random scene in one to three dimensions, of at most about 5000 unknowns, until 0.1 or 0.5.
+pub fn scene(choices: &mut Choices) -> String {
     let n = choices.of(&[1, 2, 2, 3]);
     let names = ["x", "y", "z"];
     let (space, velocities, degrees) = match n {
