@@ -62,7 +62,7 @@ pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32>
 pub struct MostCells {
     /// Where `V` is curved.
     pub curved: usize,
-    /// So that edges of regions lie on faces; in one dimension it is [`MOST_CELLS_IN_LINE`].
+    /// So that edges of regions lie on faces. It does not count in one dimension, where 8192 are few.
     pub edges: usize,
 }
 
