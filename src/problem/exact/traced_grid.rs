@@ -62,7 +62,8 @@ pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32>
 pub struct MostCells {
     /// Where `V` is curved.
     pub curved: usize,
-    /// So that edges of regions lie on faces. It does not count in one dimension, where 8192 are few.
+    /// So that edges of regions lie on faces, in two and three dimensions. In one there are up to
+    /// 8192.
     pub edges: usize,
 }
 
