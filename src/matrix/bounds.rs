@@ -13,12 +13,12 @@
 //! ranks. For higher degrees the bounds are those of [`line_bounds`](crate::matrix::line_bounds),
 //! summed over the axes, and couplings to auxiliary unknowns add `½ ‖C‖ √(1+μ²)` on either side.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::text::short;
 use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
 use crate::problem::case::{Case, Delta, Exact, Method};
-use crate::problem::exact::{MostCells, traced_cells};
+use crate::problem::exact::{MOST_EXAMINED, MostCells, traced_cells};
 use crate::problem::grid::{Axis, MAX_DIMENSION, axis_names};
 use crate::problem::potential::{LargestJump, Potential};
 use crate::scheme::interface::energy::check_axis;
@@ -267,11 +267,14 @@ impl Bounds {
     /// which the bounds belong: for the exact solution, or only for the estimates of the ledger.
     pub fn traced_cells(&self, case: &Case) -> usize {
         *self.traced.get_or_init(|| {
+            let space = grid(case);
+            let is_begun = case.start.is_some() || case.start_field.is_some();
             let most = match case.exact {
                 Some(Exact::Characteristics) => MostCells::EXACT,
+                _ if is_begun || space.space_cells() > MOST_EXAMINED => return 0,
                 _ => MostCells::ESTIMATES,
             };
-            traced_cells(&Case { space: grid(case), ..case.clone() }, most)
+            traced_cells(&Case { space, ..case.clone() }, most)
         })
     }
 
@@ -336,9 +339,13 @@ fn line_bounds(
         if let Some(jump) = jumps[a] {
             let names = axis_names(n);
             let place = format!("{} = {}", names[a], short(jump.face));
-            let why =
-                format!("V jumps by {} at {place}{}", short(jump.height), if_unintended(jump, v));
-            check_axis(v, &format!("axis.{a}.v ({})", names[n + a]), &why)?;
+            let why = format!("V jumps by {} at {place}", short(jump.height));
+            check_axis(v, &format!("axis.{a}.v ({})", names[n + a]), &why).map_err(
+                |e| match e {
+                    Error::Input(refused) => Error::Input(refused + if_unintended(jump, v)),
+                    other => other,
+                },
+            )?;
         }
         let moves = !space.is_single(a) || jumps[a].is_some();
         let speed = |j: i64| if moves { velocity(v, j).abs() / x.width() } else { 0.0 };
@@ -359,7 +366,7 @@ fn if_unintended(jump: LargestJump, axis: &Axis) -> &'static str {
     const FEW_DIGITS: f64 = 1e-9;
     let fastest = axis.lower.abs().max(axis.upper.abs());
     match jump.height < FEW_DIGITS * 0.5 * fastest * fastest {
-        true => " (if it should not, give V the same digits on both sides)",
+        true => ". If V should not jump there, give it the same digits on both sides",
         false => "",
     }
 }

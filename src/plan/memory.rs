@@ -116,7 +116,7 @@ pub(crate) fn arrays(
     };
     let results = rank.results(warp);
     let mut expanding: Vec<NamedBytes> = results.iter().cloned().chain(rank.expanded()).collect();
-    if case.is_galerkin() && matches!(case.exact, Some(Exact::Characteristics)) {
+    if case.space.whole_degree() > 0 && matches!(case.exact, Some(Exact::Characteristics)) {
         // Their errors are integrals, for which the exact solution is traced once more.
         expanding.push(rank.traced());
     }
@@ -182,7 +182,7 @@ impl<'a> FullestRank<'a> {
     }
 
     fn entries(&self) -> u64 {
-        self.rows() * entries_of_a_row(&self.case.space, self.bounds)
+        self.rows() * entries_of_a_row(self.case, self.bounds)
     }
 
     fn fields(&self) -> u64 {
@@ -213,7 +213,7 @@ impl<'a> FullestRank<'a> {
                 (contributions_per_row, found.bytes_per_row_before, found.changed_bytes_per_row)
             }
             None if self.case.is_galerkin() => {
-                let entries = entries_of_a_row(&self.case.space, self.bounds) as f64;
+                let entries = entries_of_a_row(self.case, self.bounds) as f64;
                 let each = self.stored_rows() as f64 / self.rows() as f64;
                 // Both an entry and that of the transpose, of which a part are at the same place.
                 (1.5 * entries, each, 2.0 * each)
@@ -533,7 +533,8 @@ fn largest_share(axis: &Axis, mesh: &ProcessMesh) -> u64 {
 
 /// Entries of a row of `(S, K)` on average, without couplings to auxiliary unknowns: for degree 0
 /// of a row away from jumps of `V`, for elements as if all of them were at jumps, if there are any.
-fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
+fn entries_of_a_row(case: &Case, bounds: &Bounds) -> u64 {
+    let space = &case.space;
     let along = |a: usize| {
         let (x, v) = (&space.x[a], &space.v[a]);
         // The element's other nodes, and the one across a face.
@@ -548,9 +549,9 @@ fn entries_of_a_row(space: &PhaseSpace, bounds: &Bounds) -> u64 {
         };
         // The energies of an element overlap up to three elements across the jump, which couples
         // the first and the last node of an element of space.
-        let jump = match space.degree() {
-            0 => 0,
-            _ => (2 * 3 * v.nodes.count()).div_ceil(x.nodes.count().max(2)),
+        let jump = match case.is_galerkin() {
+            false => 0,
+            true => (2 * 3 * v.nodes.count()).div_ceil(x.nodes.count().max(2)),
         };
         transport
             + usize::from(bounds.forces[a]) * force

@@ -35,7 +35,7 @@ use crate::problem::case::{Case, Inflow};
 use crate::problem::exact::by_axes::{
     AxisLine, AxisPaths, EndByAxes, LineParticle, REST, moves_by_axes,
 };
-pub use crate::problem::exact::traced_grid::{MostCells, traced_cells};
+pub use crate::problem::exact::traced_grid::{MOST_EXAMINED, MostCells, traced_cells};
 use crate::problem::exact::traced_grid::{free_layers, traced_space};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;

@@ -50,7 +50,7 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
     }
     // Memory that the solve freed goes back before the vectors of the estimate are allocated.
     memory::give_back();
-    let with_elements = space.degree() > 0;
+    let with_elements = space.whole_degree() > 0;
     let mut found = [0.0; 2];
     if !with_elements || space.axes().any(|axis| axis.nodes.degree == 0 && axis.cells > 1) {
         found = by_transport(prepared, f)?;
@@ -109,7 +109,7 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
         }
         let of_all = if known > 0.0 { (moving / known).sqrt() } else { 1.0 };
         added_term.iter_mut().zip(&along).for_each(|(sum, part)| *sum += of_all * part);
-        if space.degree() > 0 {
+        if space.whole_degree() > 0 {
             let mut within = vec![0.0; block.cells()];
             line.each(|i, cell| within[i] = line.within(cell, &state).unwrap_or(0.0));
             let more = norms(&within[rank_cells.mine.clone()]);

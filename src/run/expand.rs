@@ -115,7 +115,7 @@ impl ResultOnShare<'_> {
             }
             ExactSolution::Field(values) => values,
         };
-        let errors = match (&case.exact, case.space.degree()) {
+        let errors = match (&case.exact, case.space.whole_degree()) {
             (Some(kind), 1..) => errors::by_elements(world, case, kind, share, self.field)?,
             _ => {
                 let norms = |f| FieldNorms { world, volumes: volumes.clone(), f };

@@ -17,7 +17,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
-use crate::problem::exact::{MostCells, Tracer};
+use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
 use crate::problem::grid::{PhaseSpace, axis_names};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
@@ -29,8 +29,6 @@ use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker, end_
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 
-/// Largest number of space cells of a case whose potential is evaluated on all of space.
-pub(super) const MOST_SPACE_CELLS: usize = 1 << 18;
 /// Independent replicates of each source.
 const REPLICATES: usize = 16;
 /// Points of a source for each cell.
@@ -65,10 +63,10 @@ const MOST_VALUES: usize = 1 << 21;
 /// If `V` is not finite.
 pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
     let mut ledger = Ledger::default();
-    if case.space.space_cells() > MOST_SPACE_CELLS {
+    if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \
-             {MOST_SPACE_CELLS} are examined",
+             {MOST_EXAMINED} are examined",
             case.space.space_cells()
         ));
         return Ok(ledger);
@@ -340,7 +338,7 @@ impl DataSupport {
         let nodes = (world.rank()..space.cells().div_ceil(stride)).step_by(world.size());
         let nodes = || nodes.clone().map(|k| space.point(&space.cell(k * stride)));
         let all = || inside.iter().copied().chain(nodes());
-        // The points are made twice: their values take an eighth of the memory.
+        // The points are made twice: their values take a seventh of the memory.
         let sizes = sizes_at(case, all());
         let largest = world.max(sizes.iter().fold(0.0, |most: f64, size| most.max(*size)));
         // Lower ends are stored as negatives, so that both are maxima.

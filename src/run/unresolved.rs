@@ -2,12 +2,12 @@
 
 use crate::base::text::{coordinate_text, counted, percent, short};
 use crate::problem::case::{Case, Inflow, Region, TIME, TableOf};
+use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::{ObliqueEdge, oblique_edges};
 use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
-use crate::run::ledger::MOST_SPACE_CELLS;
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
 const BEYOND: f64 = 0.1;
@@ -89,7 +89,7 @@ fn idle_degree(case: &Case) -> Option<String> {
 /// Warnings of regions with `reflection` from which no jump goes down.
 fn idle_reflections(case: &Case) -> Vec<String> {
     let reflects = |region: &Region| region.reflection.is_some();
-    if !case.potential.iter().any(reflects) || case.space.space_cells() > MOST_SPACE_CELLS {
+    if !case.potential.iter().any(reflects) || case.space.space_cells() > MOST_EXAMINED {
         return Vec::new();
     }
     // Values that are not finite are an error elsewhere.

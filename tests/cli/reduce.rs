@@ -262,6 +262,27 @@ pub fn scene(choices: &mut Choices) -> String {
     )
 }
 
+/// The errors of the grid are those of the whole one, also if results are shown on the reduced one.
+#[test]
+fn errors_of_the_grid_are_those_of_the_whole_grid() {
+    let exact = [CELLS_AMONG_ELEMENTS, &["exact.kind=characteristics"]].concat();
+    let errors = |more: &[&str]| -> Vec<f64> {
+        let place = directory();
+        let job = of_case("run", "periodic2d.toml").set(&exact).set(more);
+        let summary = job.set(&["solver.tolerance=1e-9"]).solve(place.path()).unwrap();
+        let accuracy = &summary.value["accuracy"];
+        let estimates = ["grid_estimate", "grid_density_estimate"]
+            .map(|key| accuracy[key].as_f64().unwrap_or(f64::NAN));
+        let measured = ["error_l1", "error_l2"].map(|key| summary.number(key).unwrap());
+        [measured, estimates].concat()
+    };
+    let whole = errors(&["solver.reduce=false"]);
+    for expand in ["output.expand=false", "output.expand=true"] {
+        let reduced = errors(&[expand]);
+        assert!(distance(&reduced, &whole) < 1e-6, "{expand}: {reduced:?}, {whole:?}");
+    }
+}
+
 /// For measure-valued data, the exact mass and the errors of the moments are those of the whole
 /// grid, too.
 #[test]

@@ -67,6 +67,9 @@ pub struct MostCells {
     pub edges: usize,
 }
 
+/// Largest number of space cells of a case of which all are examined beside a run, for estimates.
+pub const MOST_EXAMINED: usize = 1 << 18;
+
 impl MostCells {
     /// For the exact solution.
     pub const EXACT: Self = Self { curved: 1 << 21, edges: 1 << 21 };
@@ -119,7 +122,7 @@ fn cut_elements(
     };
     let enough = room(most.curved);
     for (axis, edges) in space.x.iter_mut().zip(edges) {
-        let least = match (is_curved, case.space.degree()) {
+        let least = match (is_curved, case.space.whole_degree()) {
             (false, _) => 1,
             (true, 0) if n == MAX_DIMENSION => 1,
             (true, 0) => enough.min(ENOUGH_CELLS.div_ceil(axis.cells)),
@@ -139,7 +142,7 @@ fn cut_elements(
 
 /// Whether `V` is curved within any element of the case.
 fn is_curved(case: &Case) -> Result<bool> {
-    if case.space.degree() >= BENT {
+    if case.space.x.iter().all(|axis| axis.nodes.degree >= BENT) {
         return Ok(Potential::whole(case)?.is_curved(&case.space));
     }
     let mut space = case.space.by_elements();
