@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::problem::case::Interface;
+use crate::problem::element::Nodes;
 use crate::problem::grid::PhaseSpace;
 use crate::scheme::interface::{Side, sources};
 
@@ -60,6 +61,24 @@ fn spread(space: &PhaseSpace, count: usize, share: f64) -> Vec<[f64; 6]> {
         point
     };
     (1..=count).map(point).collect()
+}
+
+/// Curvature of `V` is found whatever the degrees of the axes are.
+#[test]
+fn curvature_is_found_along_axes_of_any_degree() {
+    for degrees in [[0, 0], [0, 3], [1, 0], [1, 2], [2, 0], [3, 1]] {
+        for (potential, is_curved) in [("2*x^2", true), ("2*x", false)] {
+            let potential = [("", potential)];
+            let mut scene = case(1, (-1.0, 1.0, 8), (-2.0, 2.0, 8), &potential, "1", "0");
+            let axes = scene.space.x.iter_mut().chain(&mut scene.space.v);
+            for ((axis, degree), of) in axes.zip(degrees).zip([Nodes::of_space, Nodes::of_velocity])
+            {
+                *axis = axis.clone().with_nodes(of(degree));
+            }
+            let cells = traced_cells(&scene, MostCells::EXACT);
+            assert_eq!(cells > 8, is_curved, "{degrees:?} {potential:?}: {cells}");
+        }
+    }
 }
 
 /// A tracer whose cells are those of the case, in each of which `V` is linear.
