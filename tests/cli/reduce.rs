@@ -77,8 +77,8 @@ const ENTERING_ELEMENTS: &[&str] = &[
     "inflow.value=exp(-6*(vx - 0.7)^2)*(1 + vy) if x < 0 else 0",
 ];
 
-/// All axes with elements are merged. The scheme stays that of elements: velocities enter through an
-/// end of the velocity box, and data are projected.
+/// All axes with elements are merged. The scheme stays that of elements: velocities enter through
+/// an end of the velocity box, and data are projected.
 const CELLS_AMONG_ELEMENTS: &[&str] = &[
     "axis.0.x={lower=-1.2, upper=1.2, cells=6}",
     "axis.1.x.cells=3",
