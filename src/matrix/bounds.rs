@@ -13,13 +13,13 @@
 //! ranks. For higher degrees the bounds are those of [`line_bounds`](crate::matrix::line_bounds),
 //! summed over the axes, and couplings to auxiliary unknowns add `½ ‖C‖ √(1+μ²)` on either side.
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::text::short;
 use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
 use crate::problem::case::{Case, Delta, Exact, Method};
 use crate::problem::exact::{MOST_EXAMINED, MostCells, traced_cells};
-use crate::problem::grid::{Axis, MAX_DIMENSION, axis_names};
+use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::{LargestJump, Potential};
 use crate::scheme::interface::energy::check_axis;
 use crate::scheme::interface::{law_of, velocity};
@@ -339,13 +339,7 @@ fn line_bounds(
         if let Some(jump) = jumps[a] {
             let names = axis_names(n);
             let place = format!("{} = {}", names[a], short(jump.face));
-            let why = format!("V jumps by {} at {place}", short(jump.height));
-            check_axis(v, &format!("axis.{a}.v ({})", names[n + a]), &why).map_err(
-                |e| match e {
-                    Error::Input(refused) => Error::Input(refused + if_unintended(jump, v)),
-                    other => other,
-                },
-            )?;
+            check_axis(v, &format!("axis.{a}.v ({})", names[n + a]), jump.height, &place)?;
         }
         let moves = !space.is_single(a) || jumps[a].is_some();
         let speed = |j: i64| if moves { velocity(v, j).abs() / x.width() } else { 0.0 };
@@ -358,17 +352,6 @@ fn line_bounds(
         }));
     }
     Ok(bounds)
-}
-
-/// Says of a jump that is far below the largest `v²/2` on `axis` that it may be none.
-fn if_unintended(jump: LargestJump, axis: &Axis) -> &'static str {
-    /// About the last digit of values that were written with ten.
-    const FEW_DIGITS: f64 = 1e-9;
-    let fastest = axis.lower.abs().max(axis.upper.abs());
-    match jump.height < FEW_DIGITS * 0.5 * fastest * fastest {
-        true => ". If V should not jump there, give it the same digits on both sides",
-        false => "",
-    }
 }
 
 impl ContributionBounds {

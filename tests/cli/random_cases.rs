@@ -43,7 +43,7 @@ fn large_random_scenes_are_solved_or_refused() {
     solved_or_refused_scenes(12, large_scene);
 }
 
-/// Tries `count` scenes; at least half can be solved.
+/// Tries `count` scenes; more than half can be solved.
 fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String + Sync) {
     check_scenes(count, 0.5, |choices| {
         let text = scene(choices);
@@ -52,7 +52,7 @@ fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String +
 }
 
 /// Makes `count` trials, multiplied by `PHASEWARP_SCENES/100`, which `make torture` sets. A trial
-/// returns whether it came to what it tries; at least the fraction `least` must.
+/// returns whether it came to what it tries; more than the fraction `least` must.
 pub fn check_scenes(
     count: u64,
     least: f64,
@@ -69,7 +69,7 @@ pub fn check_scenes(
     });
     let (tried, all) = (tried.into_inner(), seeds.len());
     println!("{tried} of {all} scenes");
-    assert!(tried as f64 >= least * all as f64, "only {tried} of {all} scenes");
+    assert!(tried as f64 > least * all as f64, "only {tried} of {all} scenes");
 }
 
 /// Whether a scene has a solution other than zero: it is solved as it must be, or refused.
@@ -215,25 +215,32 @@ fn scene_of_elements(choices: &mut Choices) -> String {
     text + &content(choices, &ENDS, scheme)
 }
 
+/// An axis of a case with one of `counts` cells in space and one of `velocities` along v.
+fn axis_text(choices: &mut Choices, counts: &[usize], velocities: &[usize]) -> String {
+    let boundary = choices.of(&["inflow", "inflow", "periodic"]);
+    format!(
+        "[[axis]]\nx = {{ lower = -1, upper = {}, cells = {}, boundary = \"{boundary}\" }}\n\
+         v = {{ lower = -1.2, upper = 1.2, cells = {} }}\n",
+        choices.of(&["0.7", "1"]),
+        choices.of(counts),
+        choices.of(velocities),
+    )
+}
+
 /// Cells or elements in one to three dimensions, about 2000 to 370000 unknowns.
 fn large_scene(choices: &mut Choices) -> String {
     let dimension = choices.of(&[1, 1, 2, 2, 3]);
     let degrees: [usize; 5] = if dimension < 3 { [0, 0, 1, 2, 4] } else { [0, 0, 1, 1, 2] };
     let degree = choices.of(&degrees);
     let counts = [[90, 166, 233, 500], [9, 13, 18, 26], [4, 5, 7, 9]][dimension - 1];
-    let velocities = [[64, 122, 422, 700], [6, 10, 14, 20], [4, 4, 6, 8]][dimension - 1];
-    let mut text = String::new();
-    for _ in 0..dimension {
-        let boundary = choices.of(&["inflow", "inflow", "periodic"]);
-        text += &format!(
-            "[[axis]]\nx = {{ lower = -1, upper = {}, cells = {}, boundary = \"{boundary}\" }}\n\
-             v = {{ lower = -1.2, upper = 1.2, cells = {} }}\n",
-            choices.of(&["0.7", "1"]),
-            (choices.of(&counts) / (degree + 1)).max(2),
-            // With `v = 0` on a face.
-            (choices.of(&velocities) / (degree + 1)).max(2).div_ceil(2) * 2,
-        );
-    }
+    let velocities: [usize; 4] =
+        [[64, 122, 422, 700], [6, 10, 14, 20], [4, 4, 6, 8]][dimension - 1];
+    let elements = |nodes: usize| (nodes / (degree + 1)).max(2);
+    let counts = counts.map(elements);
+    // With `v = 0` on a face.
+    let velocities = velocities.map(|nodes| elements(nodes).next_multiple_of(2));
+    let axes = (0..dimension).map(|_| axis_text(choices, &counts, &velocities));
+    let text: String = axes.collect();
     let ends = ["0.003", "0.01", "0.03"];
     text + &content(choices, &ends, |choices| match degree {
         0 => format!("interface = \"{}\"\n", choices.of(&INTERFACES)),
@@ -262,17 +269,8 @@ fn scene_of_methods(choices: &mut Choices, steps: Steps) -> String {
     };
     let counts = [[5, 9, 14, 21], [3, 4, 5, 6], [2, 2, 3, 3], [1, 2, 2, 3]][size];
     let velocities = [[2, 4, 6], [2, 4, 6], [2, 2, 4], [2, 2, 2]][size];
-    let mut text = String::new();
-    for _ in 0..dimension {
-        let boundary = choices.of(&["inflow", "inflow", "periodic"]);
-        text += &format!(
-            "[[axis]]\nx = {{ lower = -1, upper = {}, cells = {}, boundary = \"{boundary}\" }}\n\
-             v = {{ lower = -1.2, upper = 1.2, cells = {} }}\n",
-            choices.of(&["0.7", "1"]),
-            choices.of(&counts),
-            choices.of(&velocities),
-        );
-    }
+    let axes = (0..dimension).map(|_| axis_text(choices, &counts, &velocities));
+    let mut text: String = axes.collect();
     let [place, height] = [
         choices.of(&["x < 0", "abs(x) < 0.4", "x > 0.3 && x < 0.6"]),
         choices.of(&["0.2", "-0.3", "5", "0.1*x^2"]),

@@ -147,11 +147,13 @@ fn index(cells: usize, side: FaceSide, node: usize) -> usize {
 }
 
 /// Refuses velocity axes with an element around `v = 0`, which would have traces in both
-/// directions. `jump` says where V jumps.
+/// directions. `V` jumps by at most `height` along the axis, at `place`.
 ///
 /// # Errors
-/// [`Error::Input`], naming the nearest box with a face at 0.
-pub fn check_axis(axis: &Axis, name: &str, jump: &str) -> Result<()> {
+/// [`Error::Input`], naming the jump and the nearest box with a face at 0.
+pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<()> {
+    /// About the last digit of values of `V` that were written with ten.
+    const FEW_DIGITS: f64 = 1e-9;
     let whole = axis.whole();
     let (at, elements) = (whole.position(0.0), whole.elements() as f64);
     if at <= 0.0 || at >= elements || (at - at.round()).abs() <= ON_FACE {
@@ -166,11 +168,18 @@ pub fn check_axis(axis: &Axis, name: &str, jump: &str) -> Result<()> {
         let end = |faces: f64| coordinate_text(faces * width, 1e-6 * width);
         format!("The box [{}, {}] has it on a face. ", end(-below), end(elements - below))
     };
+    let fastest = whole.lower.abs().max(whole.upper.abs());
+    let doubt = match height < FEW_DIGITS * 0.5 * fastest * fastest {
+        true => ". If V should not jump there, give it the same digits on both sides",
+        false => "",
+    };
     Err(Error::Input(format!(
-        "{name}: v = 0 must be a face of the cells, as {jump} and faces are matched by energy. \
-         With {elements} cells on [{}, {}] it is inside of a cell. {hint}An even number of cells \
-         on a box that is symmetric about 0 has it on a face, too",
-        whole.lower, whole.upper
+        "{name}: v = 0 must be a face of the cells, as V jumps by {} at {place} and faces are \
+         matched by energy. With {elements} cells on [{}, {}] it is inside of a cell. {hint}An \
+         even number of cells on a box that is symmetric about 0 has it on a face, too{doubt}",
+        short(height),
+        whole.lower,
+        whole.upper
     )))
 }
 
