@@ -142,7 +142,9 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
             format!(", measured error {measured:.1e} (tolerance {tolerance:e})")
         } else {
             let doubt = summary.doubt.as_deref().unwrap_or("it is not finite");
-            format!(", no error estimate: {doubt}; solver.verify = true measures the error")
+            format!(
+                ", no reliable error estimate: {doubt}; solver.verify = true measures the error"
+            )
         };
     }
     if let (Some(density), Some(velocity)) = (summary.error_density_l1, summary.error_velocity_l1) {

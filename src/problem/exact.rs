@@ -313,14 +313,30 @@ impl<'a> Tracer<'a> {
             _ => self.foot(point, time),
         };
         let feet: Vec<Foot> = points.iter().map(foot).collect();
-        let at: Vec<[f64; 6]> = feet.iter().map(|foot| foot.point).collect();
+        let at: Vec<[f64; 6]> = feet.iter().map(|foot| self.data_point(foot)).collect();
         let mut values = field.initial.at_points(&at, 0.0);
         if let Inflow::Formula(inflow) = &field.inflow {
-            for (foot, value) in feet.iter().zip(&mut values).filter(|(foot, _)| foot.entry > 0.0) {
-                *value = inflow.at_point(&foot.point, foot.entry);
+            for ((foot, at), value) in feet.iter().zip(&at).zip(&mut values) {
+                if foot.entry > 0.0 {
+                    *value = inflow.at_point(at, foot.entry);
+                }
             }
         }
         values
+    }
+
+    /// The point at which the data of the particle from `foot` are evaluated: just outside of the
+    /// box where it entered through an end.
+    fn data_point(&self, foot: &Foot) -> [f64; 6] {
+        let mut point = foot.point;
+        if foot.entry > 0.0 {
+            let (places, velocities) = point.split_at_mut(MAX_DIMENSION);
+            let along = self.space.x.iter().zip(places);
+            for (axis, place) in along.chain(self.space.v.iter().zip(velocities)) {
+                *place = axis.outside_of_end(*place);
+            }
+        }
+        point
     }
 
     /// The end of the path from `point` after `time`, found axis by axis; `None` if the motions

@@ -88,5 +88,5 @@ impl ExportOwner {
 pub fn write(directory: &Path, description: &impl Serialize) -> Result<()> {
     let path = directory.join(DESCRIPTION);
     let text = serde_json::to_string_pretty(description).map_err(|e| disk::failure(&path, &e))?;
-    disk::write(&path, (text + "\n").as_bytes())
+    disk::write_text(&path, &(text + "\n"))
 }

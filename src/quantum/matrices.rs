@@ -18,6 +18,7 @@
 
 use crate::base::disk;
 use crate::base::error::Result;
+use crate::base::text::visible;
 use crate::problem::case::LiouvilleField;
 use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::quantum::export::numpy;
@@ -166,7 +167,7 @@ impl MatrixMarket {
     /// The file, with the title of the case.
     pub(super) fn text(&self, title: &str) -> String {
         let Self { order, entries, lines, .. } = self;
-        let (words, title) = (self.symmetry.words(), title.replace(['\n', '\r'], " "));
+        let (words, title) = (self.symmetry.words(), visible(title).replace('\n', " "));
         format!(
             "%%MatrixMarket matrix coordinate {words}\n% {title}\n\
              {order} {order} {entries}\n{lines}"

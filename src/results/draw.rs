@@ -22,6 +22,7 @@ pub mod ticks;
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::results::draw::panel::{ABOVE, BELOW, BOLD, PanelFrame};
+use crate::results::draw::raster::png_file;
 use crate::results::draw::shape::{Area, Drawn, PIXELS, PixelPoint, pixels};
 use crate::results::figure::Figure;
 use crate::results::figure::palette::{INK, PAPER};
@@ -56,7 +57,8 @@ impl Figure {
     pub fn write(&self, directory: &Path, name: &str) -> Result<[PathBuf; 2]> {
         let [svg, png] = ["svg", "png"].map(|end| directory.join(format!("{name}.{end}")));
         disk::write_text(&svg, &self.svg()?)?;
-        self::png(self, &png).map_err(|e| failure(&png, &e))?;
+        let bytes = png_bytes(self).map_err(|e| failure(&png, &e))?;
+        disk::write(&png, &bytes)?;
         Ok([svg, png])
     }
 }
@@ -74,11 +76,13 @@ fn svg(figure: &Figure) -> std::result::Result<String, String> {
     Ok(text.replacen(&from, &to, 1).replace("data:png;base64", "data:image/png;base64"))
 }
 
-/// Draws the figure into a PNG file.
-fn png(figure: &Figure, path: &Path) -> Drawn {
+/// The figure as a PNG file.
+fn png_bytes(figure: &Figure) -> std::result::Result<Vec<u8>, String> {
     let sheet = Sheet::new(figure);
     let [width, height] = sheet.pixels();
-    sheet.draw(&BitMapBackend::new(path, (width, height)).into_drawing_area())
+    let mut pixels = vec![0; 3 * width as usize * height as usize];
+    sheet.draw(&BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area())?;
+    png_file([width, height], &pixels, |encoder| encoder.set_color(png::ColorType::Rgb))
 }
 
 /// The layout of a figure, in points.

@@ -251,9 +251,9 @@ pub struct MissedGoals {
     pub accuracy: Option<String>,
 }
 
-/// An estimate that is not reliable counts as missed from this ratio to the tolerance on: far more
-/// than such estimates of implicit steps are off (docs/verification.md, a factor of 4).
-const FAR_ABOVE: f64 = 100.0;
+/// An estimate that is not reliable counts as missed from this ratio to the tolerance on: more than
+/// such estimates are off (docs/verification.md).
+const FAR_ABOVE: f64 = 10.0;
 
 impl MissedGoals {
     /// The goals that the run of `case` misses, by the errors of its summary.

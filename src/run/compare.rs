@@ -421,10 +421,14 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
     // This part of the error falls with a power of the step; the rest does not depend on it.
     let order = plan.propagation.method.order() as f64;
     let room = tolerance - (whole - found);
-    let enough = match (room > 0.0, summary.step_is_estimated) {
-        (true, _) => format!("about {:.1e} would meet it", step * (room / found).powf(1.0 / order)),
-        (false, true) => "the rest of the error is above the tolerance at any step".to_owned(),
-        (false, false) => "take a shorter one".to_owned(),
+    let step_for = |part: f64| step * (part / found).powf(1.0 / order);
+    let enough = if room > 0.0 {
+        format!("about {:.1e} would meet it", step_for(room))
+    } else if found > 0.5 * tolerance {
+        // The rest may be due to the step, too, which moves the two readings apart.
+        format!("about {:.1e} would lower this part to half of it", step_for(0.5 * tolerance))
+    } else {
+        "which is the smaller part".to_owned()
     };
     (whole > tolerance).then(|| {
         format!(

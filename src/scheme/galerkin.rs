@@ -156,6 +156,11 @@ impl<'a> CellLine<'a> {
     fn entry_face(&self) -> f64 {
         self.axis.face(if self.up { self.element } else { self.element + 1 })
     }
+
+    /// The position just outside of the end of the box where the flow comes in.
+    fn entry_end(&self) -> f64 {
+        self.axis.just_outside(!self.up)
+    }
 }
 
 /// The terms along the lines of a grid.
@@ -241,7 +246,7 @@ impl LineTerms<'_> {
                 return self.couple(row, cell, [a, cell[a]], -inner);
             }
             let mut point = self.space.point(cell);
-            point[a] = line.entry_face();
+            point[a] = line.entry_end();
             self.couple(row, cell, [a, cell[a]], -rate);
             row.draw += rate;
             row.damping += rate;
@@ -350,7 +355,7 @@ impl LineTerms<'_> {
             row.draw += rate;
             if !v.leaves_out(against) {
                 let mut point = self.space.point(cell);
-                point[3 + a] = line.entry_face();
+                point[3 + a] = line.entry_end();
                 row.enter(self.entering, rate, point);
             }
         }

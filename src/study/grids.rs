@@ -114,16 +114,18 @@ pub fn stray_edges(case: &Case) -> usize {
 /// of `V` on faces are preferred.
 pub fn coarsened(case: &Case, most: usize) -> Case {
     let mut case = case.clone();
+    let grids = Grids::new(&case);
     // Fewest elements along an axis.
     let least = if case.space.degree() == 0 { 4 } else { 2 };
     while case.space.cells() > most {
         let shape = case.space.elements();
+        let half = |a: usize| grids.half(a, shape[a]);
         let mut axes: Vec<usize> = (0..shape.len()).collect();
-        axes.retain(|&a| shape[a].div_ceil(2) >= least);
+        axes.retain(|&a| (least..shape[a]).contains(&half(a)));
         axes.sort_by_key(|&a| Reverse(shape[a]));
-        let halved = |a: &usize| {
+        let halved = |&a: &usize| {
             let mut shape = shape.clone();
-            shape[*a] = shape[*a].div_ceil(2);
+            shape[a] = half(a);
             on_grid(&case, &shape)
         };
         let before = stray_edges(&case);
@@ -160,8 +162,10 @@ impl Grids {
     /// Grids over the box of `case`.
     pub fn new(case: &Case) -> Self {
         let inside = |axis: &Axis| axis.lower < 0.0 && axis.upper > 0.0;
-        // An error in `V` is reported when the case is solved.
-        let needs_rest = case.is_galerkin() && Bounds::new(case).is_ok_and(|bounds| bounds.jumps);
+        // There are no bounds of a grid without a face at v = 0 if `V` jumps. Any other error in
+        // `V` is reported when the case is solved.
+        let needs_rest =
+            case.is_galerkin() && Bounds::new(case).map_or(true, |bounds| bounds.jumps);
         let at_rest = |axis: &Axis| (needs_rest && inside(axis)).then(|| vec![0.0]);
         let edges: Vec<_> =
             region_edges(case).into_iter().chain(case.space.v.iter().map(at_rest)).collect();
@@ -245,6 +249,14 @@ impl Grids {
             // Small units are always rounded up.
             Some(below) if unit > 2 && below >= fewest && wanted - below < above - wanted => below,
             _ => above,
+        }
+    }
+
+    /// About half of `n` elements along axis `k`, with a face at `v = 0` if one must be there.
+    fn half(&self, k: usize, n: usize) -> usize {
+        match k >= self.dimension() && !self.needs_even(k) {
+            true => self.near(k, 0.5 * n as f64, 1),
+            false => n.div_ceil(2),
         }
     }
 

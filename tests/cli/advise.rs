@@ -425,3 +425,39 @@ fn unreachable_accuracies_are_refused() {
         finished.ended(2, wording)
     });
 }
+
+/// Velocity boxes that are not symmetric about 0 have grids with `v = 0` on a face, where `V` jumps
+/// and faces are matched by energy. Advice and trials of stability find them for every degree.
+#[test]
+fn velocity_boxes_need_not_be_symmetric() {
+    const TEXT: &str = "[[axis]]\nx = { lower = -5, upper = -3, cells = 20 }\n\
+        v = { lower = -0.2, upper = 1.6, cells = 27 }\n[[potential]]\nwhere = \"x > -3.8\"\n\
+        value = \"0.18\"\n[[potential]]\nvalue = \"0\"\n[initial]\n\
+        f = \"exp(-((x + 4.4)/0.25)^2 - ((v - 1)/0.15)^2)\"\n[time]\nend = 0.3\n\
+        [solver]\ntolerance = 1e-4\n";
+    let rows =
+        [(-0.2, 1.6, 27), (-0.2, 1.6, 18), (-0.6, 1.2, 18), (-1.0, 1.5, 20), (-0.8, 1.6, 24)];
+    let rows: Vec<_> = rows.iter().flat_map(|row| [0, 1, 2].map(|degree| (row, degree))).collect();
+    check_all(&rows, |&(&(lower, upper, cells), degree)| {
+        let place = directory();
+        let path = written(place.path(), TEXT)?;
+        let set = [
+            format!("axis.0.v.lower={lower}"),
+            format!("axis.0.v.upper={upper}"),
+            format!("axis.0.v.cells={cells}"),
+            format!("scheme.degree={degree}"),
+        ];
+        let set = set.each_ref().map(String::as_str);
+        let advised = advise(&path, "5e-2").with(["--budget", "4s"]).set(&set).run()?;
+        if advised.code != Some(0) || !advised.output.contains("elements of degree 2") {
+            return Err(advised.report("no advice by elements"));
+        }
+        let stable = place.path().join("stability").display().to_string();
+        let job = Job::new(["stability", &path, "--budget", "4s", "-o", &stable]).set(&set);
+        let tried = job.succeed()?;
+        match [&tried.output, &tried.errors].iter().any(|text| text.contains("must be a face")) {
+            true => Err(tried.report("a grid without a face at v = 0")),
+            false => Ok(()),
+        }
+    });
+}

@@ -1,6 +1,8 @@
 //! Runs that continue from the results of other runs: `run --continue DIR --until T2`.
 
 use crate::checkpoint::{Fault, OFTEN, generations, with_fault};
+use crate::random_cases::{Choices, check_scenes};
+use crate::reduce::scene;
 use crate::support::{
     Job, Summary, at_most, case, change_hdf5, check_all, datasets, differences, directory,
     directory_on_disk, distance, field, near, of_case, run,
@@ -72,6 +74,60 @@ fn two_parts_are_one_run() {
         near("mass at the start", summary.number("mass_initial")?, before.number("mass")?, 1e-12)?;
         near("mass", summary.number("mass")?, at_once.number("mass")?, 10.0 * tolerance)
     });
+}
+
+/// The same for random scenes, cells and elements mixed by axis, by three methods: the distance of
+/// two parts to one run is at most what the runs report.
+#[test]
+fn random_runs_in_two_parts_are_one_run() {
+    check_scenes(12, 0.5, |choices| {
+        let text = scene(choices);
+        let place = directory();
+        let path = place.path().join("scene.toml");
+        fs::write(&path, &text).map_err(|e| e.to_string())?;
+        let middle = choices.of(&[0.02, 0.05, 0.0777]);
+        let method = choices.of(&[
+            "solver.propagator.method=chebyshev",
+            "solver.propagator.method=krylov",
+            "solver.method=classical",
+        ]);
+        let job = Job::new(["run", &path.display().to_string()]);
+        let exact = choices.of(&["exact={}", "exact.kind=characteristics"]);
+        let job = job.set(&[method, exact, "solver.verify=true"]);
+        let agree = parts_agree(&job, [middle, choices.of(&[0.1, 0.3])], choices);
+        agree.map_err(|e| format!("{e}\n  of {method}, {exact}, {middle}:\n{text}"))
+    });
+}
+
+/// Checks that a run until `middle`, continued until `end`, is one run. Returns whether these are
+/// not refused.
+fn parts_agree(job: &Job, [middle, end]: [f64; 2], choices: &mut Choices) -> Result<bool, String> {
+    let (whole, first, second) = (directory(), directory(), directory());
+    let until = |time: f64| format!("time.end={time}");
+    let finished = job.clone().set(&[&until(end)]).into(whole.path()).run()?;
+    if finished.code == Some(2) {
+        return Ok(false);
+    }
+    let at_once = Summary::read(finished, whole.path())?;
+    let before = job.clone().set(&["output.moment_times=[]", &until(middle)]);
+    before.on(choices.of(&[1, 2, 3])).solve(first.path())?;
+    let summary = on(first.path(), end).on(choices.of(&[1, 2, 3])).solve(second.path())?;
+    let (found, expected) = (field(second.path())?, field(whole.path())?);
+    if expected.iter().all(|x| *x == 0.0) {
+        return Ok(false);
+    }
+    let off = distance(&found, &expected);
+    let reported = inherited(&summary, "error_total").unwrap_or(f64::NAN)
+        + at_once.number("error_semidiscrete")?;
+    summary.holds(at_most("distance to one run", off, 1.01 * reported + 1e-13))?;
+    summary.holds(at_most("distance to one run", off, 5e-7))?;
+    for key in ["mass", "error_l2_relative", "mass_exact"] {
+        if let Some(once) = at_once.value[key].as_f64() {
+            let near = near(key, summary.number(key)?, once, 1e-6 * once.abs().max(1.0));
+            summary.holds(near)?;
+        }
+    }
+    Ok(true)
 }
 
 /// Explicit steps are continued, too. The inflow depends on the time since 0.

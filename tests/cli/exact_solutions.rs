@@ -286,3 +286,47 @@ fn exact_densities_need_no_values_on_faces() {
     assert!(density.iter().all(|density| density.is_finite()), "{density:?}");
     assert!(summary.number("mass_exact").is_ok_and(f64::is_finite));
 }
+
+/// What enters is given by the formula outside of the box: conditions such as `x < lower` hold
+/// there, for cells, elements, the exact solution and the ledger, at ends in space and in velocity.
+#[test]
+fn what_enters_is_evaluated_outside_of_the_box() {
+    const TEXT: &str = "[[axis]]\nx = { lower = -1, upper = 1.25, cells = 9 }\n\
+        v = { lower = -1, upper = 1, cells = 8 }\n[[potential]]\nvalue = \"0\"\n\
+        [initial]\nf = \"0\"\n[time]\nend = 0.5\n[solver]\ntolerance = 1e-6\n\
+        [exact]\nkind = \"characteristics\"\n";
+    let ends = [
+        ("0.7 if x < -1 else 0", "0.7 if x <= -1 else 0", "0"),
+        ("0.7 if x > 1.25 else 0", "0.7 if x >= 1.25 else 0", "0"),
+        ("0.7 if v > 1 else 0", "0.7 if v >= 1 else 0", "0.4*x"),
+    ];
+    let rows: Vec<_> = ends.iter().flat_map(|end| [0, 1, 3].map(|degree| (end, degree))).collect();
+    check_all(&rows, |&(&(outside, at_end, potential), degree)| {
+        let place = directory();
+        let path = place.path().join("case.toml");
+        std::fs::write(&path, TEXT).map_err(|e| e.to_string())?;
+        let solve = |inflow: &str, name: &str| -> Result<_, String> {
+            let results = place.path().join(name);
+            let job = Job::new(["run", &path.display().to_string()]).on(2);
+            let set = [
+                format!("inflow.value='{inflow}'"),
+                format!("potential.0.value={potential}"),
+                format!("scheme.degree={degree}"),
+            ];
+            let summary = job.set(&set.each_ref().map(String::as_str)).solve(&results)?;
+            let all = datasets(&results)?;
+            let fields = ["/f", "/exact", "/density_exact"].map(|name| all[name].bytes.clone());
+            let mass = &summary.value["ledger"]["mass"];
+            let entered = ["entered", "entered_estimate"].map(|key| mass[key].as_f64());
+            let enters = entered.iter().all(|mass| *mass > Some(0.01));
+            summary.require(enters, || format!("entered {entered:?}"))?;
+            let error = summary.number("error_l1")?;
+            summary.require(error < 0.3, || format!("error_l1 {error}"))?;
+            Ok((fields, entered))
+        };
+        match solve(outside, "outside")? == solve(at_end, "at-end")? {
+            true => Ok(()),
+            false => Err(format!("{outside}: another result than of {at_end}")),
+        }
+    });
+}

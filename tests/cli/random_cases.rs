@@ -291,6 +291,25 @@ fn scene_of_methods(choices: &mut Choices, steps: Steps) -> String {
         "[scheme]\ndegree = 1\n",
         "[scheme]\ndegree = 2\nflux = 1\n",
     ]);
+    let propagator = match steps {
+        Steps::ToTheTolerance => series(choices),
+        Steps::ByHand => {
+            let method = choices.of(&["crank-nicolson", "backward-euler"]);
+            let step = choices.of(&["0.1", "0.05", "0.02"]);
+            format!("method = \"{method}\"\n{STEP}{step}")
+        }
+    };
+    text + &solver_text(choices, &propagator)
+}
+
+/// A propagator that meets the tolerance by itself.
+pub fn series(choices: &mut Choices) -> String {
+    format!("method = \"{}\"", choices.of(&["chebyshev", "chebyshev", "krylov"]))
+}
+
+/// The solver of a scene: a random profile with a tolerance that it meets, a propagator, a recovery
+/// and an embedding.
+pub fn solver_text(choices: &mut Choices, propagator: &str) -> String {
     // Profiles with a kink need many modes, so their tolerances are large.
     let (profile, tolerances) = choices.of(&[
         ("planned", ["1e-2", "1e-5", "1e-8"]),
@@ -301,22 +320,12 @@ fn scene_of_methods(choices: &mut Choices, steps: Steps) -> String {
         ("acl", ["0.1", "1e-2", "1e-3"]),
         ("exponential", ["0.1", "3e-2", "1e-2"]),
     ]);
-    text += &format!("[solver]\nverify = true\ntolerance = {}\n", choices.of(&tolerances));
-    text += &match steps {
-        Steps::ToTheTolerance => {
-            let method = choices.of(&["chebyshev", "chebyshev", "krylov"]);
-            format!("[solver.propagator]\nmethod = \"{method}\"\n")
-        }
-        Steps::ByHand => {
-            let method = choices.of(&["crank-nicolson", "backward-euler"]);
-            let step = choices.of(&["0.1", "0.05", "0.02"]);
-            format!("[solver.propagator]\nmethod = \"{method}\"\n{STEP}{step}\n")
-        }
-    };
+    let tolerance = choices.of(&tolerances);
     let recovery = choices.of(&["point", "point", "integral", "least-squares"]);
     let inflow = choices.of(&["boundary", "boundary", "full", "scalar"]);
-    text + &format!(
-        "[solver.warp]\nprofile = \"{profile}\"\nrecovery_method = \"{recovery}\"\n\
+    format!(
+        "[solver]\nverify = true\ntolerance = {tolerance}\n[solver.propagator]\n{propagator}\n\
+         [solver.warp]\nprofile = \"{profile}\"\nrecovery_method = \"{recovery}\"\n\
          inflow = \"{inflow}\"\nweights = \"{}\"\n",
         choices.of(&["dissipative", "dissipative", "none"])
     )

@@ -44,9 +44,9 @@ impl Region {
 /// The inflow through the boundary of the phase-space box.
 #[derive(Clone, Debug)]
 pub enum Inflow {
-    /// A formula, evaluated at centres of ghost cells.
+    /// A formula, evaluated at centres of ghost cells, or just outside of the ends of the box.
     Formula(Expression),
-    /// The initial formula, evaluated at centres of ghost cells.
+    /// The initial formula, evaluated there.
     Initial,
 }
 

@@ -345,24 +345,26 @@ impl<'a> Sheets<'a> {
         let n = self.space().dimension();
         let mut point = [0.0; 6];
         point[..n].copy_from_slice(&q[..n]);
-        let mut time = self.case.end;
+        let (mut data_at, mut time) = (point, self.case.end);
         if let InitialSheet::Entering { axis, upper } = sheet {
             let x = &self.space().x[axis];
             point[axis] = if upper { x.upper } else { x.lower };
+            data_at[axis] = x.just_outside(upper);
             time = if upper { time - q[axis] } else { q[axis] };
         }
         let start = self.case.end - time;
         let velocity = self.velocity;
         for (a, formula) in velocity.iter().enumerate() {
-            point[3 + a] = self.value(formula, &point, start);
+            point[3 + a] = self.value(formula, &data_at, start);
         }
+        data_at[3..].copy_from_slice(&point[3..]);
         let phi = &self.case.fields[0];
         let density = match sheet {
-            InitialSheet::Initial => self.value(&phi.initial, &point, start),
+            InitialSheet::Initial => self.value(&phi.initial, &data_at, start),
             InitialSheet::Entering { axis, upper } => {
                 let inwards = if upper { -point[3 + axis] } else { point[3 + axis] };
                 if inwards > 0.0 {
-                    inwards * self.value(phi.entering(), &point, start)
+                    inwards * self.value(phi.entering(), &data_at, start)
                 } else {
                     0.0
                 }

@@ -96,6 +96,21 @@ impl Axis {
         }
     }
 
+    /// The position just outside of the box at its lower or upper end, where what enters there is
+    /// evaluated: a formula such as `1 if x > upper else 0` holds there.
+    pub fn just_outside(&self, at_upper: bool) -> f64 {
+        let step = 8.0 * f64::EPSILON * self.lower.abs().max(self.upper.abs());
+        if at_upper { self.upper + step } else { self.lower - step }
+    }
+
+    /// `x`, or [`just_outside`](Self::just_outside) if that is nearer than round-off.
+    pub fn outside_of_end(&self, x: f64) -> f64 {
+        let near = |end: f64| (x - end).abs() <= 1e-12 * (self.upper - self.lower);
+        let at_end =
+            [(self.lower, false), (self.upper, true)].into_iter().find(|(end, _)| near(*end));
+        at_end.map_or(x, |(_, at_upper)| self.just_outside(at_upper))
+    }
+
     /// Number of elements.
     pub fn elements(&self) -> usize {
         self.cells / self.nodes.count()

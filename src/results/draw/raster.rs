@@ -138,19 +138,35 @@ impl Palette {
     /// # Errors
     /// A sentence that says why it cannot be written.
     pub fn png(&mut self, raster: &Raster) -> std::result::Result<Vec<u8>, String> {
-        let mut bytes = Vec::new();
-        let [width, height] = raster.size.map(|length| length as u32);
-        let mut encoder = png::Encoder::new(&mut bytes, width, height);
-        encoder.set_color(png::ColorType::Indexed);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_palette(self.bytes());
-        encoder.set_compression(png::Compression::Best);
-        let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
         let numbers = self.numbers(raster);
-        writer.write_image_data(&numbers).map_err(|e| e.to_string())?;
-        writer.finish().map_err(|e| e.to_string())?;
-        Ok(bytes)
+        png_file(raster.size.map(|length| length as u32), &numbers, |encoder| {
+            encoder.set_color(png::ColorType::Indexed);
+            encoder.set_palette(self.bytes());
+            encoder.set_compression(png::Compression::Best);
+        })
     }
+}
+
+/// A PNG file of `size` pixels of eight bits a channel.
+///
+/// # Errors
+/// A sentence that says why it cannot be written.
+pub(crate) fn png_file(
+    size: [u32; 2],
+    pixels: &[u8],
+    configure: impl FnOnce(&mut png::Encoder<'_, &mut Vec<u8>>),
+) -> std::result::Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, size[0], size[1]);
+    encoder.set_depth(png::BitDepth::Eight);
+    configure(&mut encoder);
+    let write = |encoder: png::Encoder<'_, _>| {
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(pixels)?;
+        writer.finish()
+    };
+    write(encoder).map_err(|e: png::EncodingError| e.to_string())?;
+    Ok(bytes)
 }
 
 fn channels(RGBColor(r, g, b): RGBColor) -> Colour {

@@ -208,7 +208,10 @@ impl ParticleSampler<'_> {
             return None;
         }
         let area = whole.volume(|a| a != end.axis && (a < n || !self.is_measure()));
-        let rate = inwards * self.case.fields[0].entering().at_point(&point, now);
+        let axis = if end.axis < n { &space.x[end.axis] } else { &space.v[end.axis - n] };
+        let mut outside = point;
+        outside[coordinate(n, end.axis)] = axis.just_outside(end.upper);
+        let rate = inwards * self.case.fields[0].entering().at_point(&outside, now);
         let mass = area * self.case.end * rate;
         nonzero(Particle { point, time: self.case.end - now, mass, inside })
     }

@@ -54,7 +54,7 @@ const SHORTEST: f64 = 1e-3;
 /// design takes seconds.
 const LONGEST: f64 = 2e4;
 /// Part of `ε` that the error may take on the domain; the rest is for the propagator and round-off.
-const SHARE: f64 = 0.7;
+const SHARE: f64 = 0.85;
 /// Shares of a design that is continued (the cut may double its error): of the error, and of the
 /// largest `Σ|c_l|`.
 const CONTINUED_SHARES: [f64; 2] = [0.35, 0.9];

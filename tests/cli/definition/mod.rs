@@ -271,13 +271,13 @@ impl Scene {
         if jump.abs() < ROUND_OFF { 0.0 } else { jump }
     }
 
-    /// The rate of a force that changes `V` by its largest value over one cell: the scale of the
-    /// rounding errors of differences of `V`.
+    /// The rate of a force that changes `V` by its largest constant, or by 1, over one cell: the
+    /// scale of the rounding errors of differences of `V`.
     pub fn force_scale(&self) -> f64 {
         let values = self.regions.iter().map(|region| region.constant.abs());
         let finest = self.space.iter().zip(&self.velocity);
         let finest = finest.map(|(x, v)| 1.0 / (x.width() * v.width()));
-        values.fold(0.0, f64::max) * finest.fold(0.0, f64::max)
+        values.fold(1.0, f64::max) * finest.fold(0.0, f64::max)
     }
 
     /// The semi-discrete system of the scene.
