@@ -100,6 +100,14 @@ pub fn reserve(path: &Path, bytes: u64) -> std::io::Result<()> {
     }
 }
 
+/// Waits until what this machine wrote to the file `path` is on the disk.
+///
+/// # Errors
+/// What the system says.
+pub fn flush(path: &Path) -> std::io::Result<()> {
+    std::fs::File::open(path)?.sync_data()
+}
+
 /// Releases the space that [`reserve`] took beyond the file's size.
 ///
 /// # Errors

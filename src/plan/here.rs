@@ -71,7 +71,7 @@ pub fn announce_slow_steps(world: &World, case: &Case) {
         return;
     }
     if let Some(points) = case.warp.points.filter(|&points| points > MANY) {
-        let each = "the work of each mode is planned, which takes some seconds";
+        let each = "the work of each mode is planned, which may take half a minute";
         report(&format!("solver.warp.points = {points}: {each}"));
     }
     let (space, all) = (case.space.space_cells() as f64, case.space.cells() as f64);

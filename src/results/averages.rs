@@ -32,7 +32,7 @@ pub fn numbers(space: &PhaseSpace) -> usize {
 }
 
 /// Writes the axes of the elements.
-pub fn axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
+pub fn axes(writer: &Writer<'_>, case: &Case) -> Hdf5Result<()> {
     if case.space.degree() == 0 {
         return Ok(());
     }

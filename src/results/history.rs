@@ -30,7 +30,7 @@ pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Ear
 }
 
 /// Writes the axes of times, if there are any.
-pub fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
+pub fn axes(writer: &Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     if results.early.is_empty() {
         return Ok(());
     }

@@ -87,10 +87,9 @@ pub fn put_in_place<T>(
 fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Step>> {
     let plan = plan_text(results.plan);
     let most = most_bytes(results.case) + plan.len() as u64;
-    let mut writer = Writer::create(world, path, most, &results.case.storage)?;
-    writer.agree(attributes(&writer, world.size(), &results.about(), &plan))?;
-    let outcome = axes(&mut writer, results);
-    writer.agree(outcome)?;
+    let writer = Writer::create(world, path, most, &results.case.storage)?;
+    writer.metadata(|| attributes(&writer, world.size(), &results.about(), &plan))?;
+    writer.metadata(|| axes(&writer, results))?;
     let layout = DatasetLayout::new(&results.case.space, results.share);
     for field in fields::at_the_end(results) {
         let (kind, slabs) = (field.kind, layout.slabs(&field));
@@ -101,9 +100,9 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<St
         multivalued(&writer, curve)?;
     }
     history::write(&writer, results, &layout)?;
-    writer.agree(plateau(&writer, results.plateau))?;
+    writer.metadata(|| plateau(&writer, results.plateau))?;
     if let Some(readout) = results.readout {
-        writer.agree(write_readout(&writer, readout))?;
+        writer.metadata(|| write_readout(&writer, readout))?;
     }
     let steps = match results.case.storage.xdmf {
         true => views::write(&writer, results)?,
@@ -206,7 +205,7 @@ pub(crate) fn attributes(
 }
 
 /// Writes the dimension scales of phase space.
-pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()> {
+pub(crate) fn phase_axes(writer: &Writer<'_>, case: &Case) -> Hdf5Result<()> {
     let chunks = &case.storage.chunks;
     writer.file().create_group("axis")?;
     let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
@@ -226,7 +225,7 @@ pub(crate) fn phase_axes(writer: &mut Writer<'_>, case: &Case) -> Hdf5Result<()>
 }
 
 /// Writes all dimension scales.
-fn axes(writer: &mut Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
+fn axes(writer: &Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
     phase_axes(writer, results.case)?;
     averages::axes(writer, results.case)?;
     let n = results.case.space.dimension();

@@ -78,7 +78,8 @@ pub struct GridErrors {
 /// and that of the grid, which is the distance from there to the exact solution.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
-    /// `solver.tolerance`; `None` for the classical method.
+    /// `solver.tolerance`; `None` for the classical method, and if no plan holds it, as the inflow
+    /// jumps in time.
     pub asked: Option<f64>,
     /// `solver.accuracy`, if given.
     pub goal: Option<f64>,
@@ -423,6 +424,10 @@ pub struct Summary {
     /// The reason why the estimate is not reliable.
     #[serde(skip)]
     pub doubt: Option<String>,
+    /// Whether the inflow jumps in time, so that the planned number of time steps may miss the
+    /// tolerance.
+    #[serde(skip)]
+    pub inflow_jumps: bool,
     /// Whether the estimate is reliable. It is not if round-off hides the difference, if there is
     /// only one recovery point, if both may have the same error (`WarpPlan::estimate_doubt`), or if
     /// a step is too long to estimate its error.
@@ -524,7 +529,8 @@ impl Summary {
     /// estimated errors of `f` and of the density.
     pub fn judge(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
         let measured = [self.error_l2_relative, self.error_density_l2_relative];
-        let asked = (case.method == Method::Schrodingerized).then_some(case.tolerance);
+        let is_planned = case.method == Method::Schrodingerized && !self.inflow_jumps;
+        let asked = is_planned.then_some(case.tolerance);
         let estimate = self.error_estimate.filter(|_| self.error_estimate_reliable);
         let own = self.error_semidiscrete.or(estimate);
         let since_start = self.continued.as_ref().and_then(|continued| continued.error_total);

@@ -144,13 +144,13 @@ fn write_all(
     let most = bytes(about.case, points) + plan.len() as u64;
     // No chunks: HDF5 lets one rank write a whole chunk, but ranks have parts of each.
     let storage = Storage { compression: 0, chunks: None, xdmf: false };
-    let mut writer = Writer::create(world, path, most, &storage)?;
-    writer.agree(attributes(&writer, world.size(), about, &plan))?;
-    let axes = phase_axes(&mut writer, about.case).and_then(|()| {
+    let writer = Writer::create(world, path, most, &storage)?;
+    writer.metadata(|| attributes(&writer, world.size(), about, &plan))?;
+    writer.metadata(|| {
+        phase_axes(&writer, about.case)?;
         let p: Vec<f64> = (0..points).map(|j| transform.point(j)).collect();
         writer.scale(POINTS, &p, None)
-    });
-    writer.agree(axes)?;
+    })?;
     let mut names = axis_names(spread.space.dimension());
     names.push(POINTS);
     let mut field = writer.slabs("w", &names, "warped phase-space density")?;

@@ -8,7 +8,7 @@
 //!
 //! Functions with the result [`Result`] are collective and fail with
 //! [`crate::base::error::Error::Output`], the same on all ranks. After those with [`Hdf5Result`]
-//! the ranks must [`agree`](Writer::agree) on the outcome.
+//! the ranks must agree on the outcome, as by [`metadata`](Writer::metadata).
 
 use crate::base::disk::failure;
 use crate::base::error::Result;
@@ -46,7 +46,7 @@ pub struct Writer<'a> {
     file: SharedFile<'a>,
     /// The first failure of what rank 0 writes alone, until the next collective step reports it.
     trouble: RefCell<Option<hdf5::Error>>,
-    scales: BTreeMap<&'static str, DimensionScale>,
+    scales: RefCell<BTreeMap<&'static str, DimensionScale>>,
 }
 
 /// A text in the form in which attributes store it.
@@ -80,7 +80,7 @@ impl<'a> Writer<'a> {
             storage,
             file,
             trouble: RefCell::new(None),
-            scales: BTreeMap::new(),
+            scales: RefCell::default(),
         })
     }
 
@@ -91,17 +91,27 @@ impl<'a> Writer<'a> {
 
     /// Creates a group. Collective.
     pub fn group(&self, name: &str) -> Result<()> {
-        self.agree(self.file.create_group(name).map(drop))
+        self.metadata(|| self.file.create_group(name).map(drop))
     }
 
     /// Makes all ranks agree on the outcome of a step of all ranks, and of the steps that rank 0
     /// wrote alone.
-    pub fn agree<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
-        let outcome = match self.trouble.take() {
-            Some(trouble) => Err(trouble),
-            None => outcome,
-        };
-        self.world.agree_in_time(outcome.map_err(|e| failure(self.path, &e)))
+    fn agree<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
+        self.world.agree_in_time(self.with_trouble(outcome))
+    }
+
+    /// Writes metadata, by all ranks together, and agrees on the outcome. HDF5 writes what it holds
+    /// back at any of these steps. Where that fails, all ranks may wait for each other: then the
+    /// job ends.
+    pub fn metadata<T>(&self, write: impl FnOnce() -> Hdf5Result<T>) -> Result<T> {
+        let late = failure(self.path, &"could not be written on all ranks");
+        self.world.in_time(&late, || self.with_trouble(write()))
+    }
+
+    /// The outcome of a step, or of the earlier one that rank 0 wrote alone, if that failed.
+    fn with_trouble<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
+        let outcome = self.trouble.take().map_or(outcome, Err);
+        outcome.map_err(|e| failure(self.path, &e))
     }
 
     /// Lets rank 0 write something alone.
@@ -146,7 +156,7 @@ impl<'a> Writer<'a> {
     /// Writes a dimension scale in the root, where netCDF readers look for it, and links it from
     /// `/axis`. `chunk` is the number of cells of a chunk along it, if the user gives one.
     pub fn scale(
-        &mut self,
+        &self,
         name: &'static str,
         values: &[f64],
         chunk: Option<usize>,
@@ -156,12 +166,13 @@ impl<'a> Writer<'a> {
         terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
         self.file.link_hard(&format!("/{name}"), &format!("/axis/{name}"))?;
         let length = values.len();
-        self.scales.insert(name, DimensionScale { length, chunk });
+        self.scales.borrow_mut().insert(name, DimensionScale { length, chunk });
         Ok(dataset)
     }
 
     fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Hdf5Result<Dataset> {
-        let scales: Vec<&DimensionScale> = axes.iter().map(|a| &self.scales[a]).collect();
+        let known = self.scales.borrow();
+        let scales: Vec<&DimensionScale> = axes.iter().map(|a| &known[a]).collect();
         let shape: Vec<usize> = scales.iter().map(|s| s.length).collect();
         let mut builder = self.file.new_dataset::<f64>().shape(&shape[..]);
         if let Some(chunk) = chunks(&scales, self.storage) {
@@ -218,7 +229,7 @@ impl<'a> Writer<'a> {
 
     /// Creates a dataset over `axes`, which the caller writes slab by slab.
     pub fn slabs(&self, name: &str, axes: &[&str], what: &str) -> Result<Slabs<'_>> {
-        let dataset = ManuallyDrop::new(self.agree(self.create_field(name, axes, what))?);
+        let dataset = ManuallyDrop::new(self.metadata(|| self.create_field(name, axes, what))?);
         Ok(Slabs {
             writer: self,
             shape: dataset.shape(),
@@ -230,8 +241,10 @@ impl<'a> Writer<'a> {
 
     /// Closes the file.
     pub fn close(self) -> Result<()> {
-        // With everything on the disk, closing takes little time.
-        self.agree(self.file.flush())?;
+        // With everything on the disk, the rest takes little time.
+        let flushed = machine::flush(self.path).map_err(|e| failure(self.path, &e));
+        self.world.agree(flushed)?;
+        self.metadata(|| self.file.flush())?;
         self.file.close(&|e| failure(self.path, e))?;
         self.world
             .on_first_rank(|| machine::give_back(self.path).map_err(|e| failure(self.path, &e)))
@@ -262,7 +275,7 @@ impl Slabs<'_> {
     /// Writes the checksum of the complete dataset.
     pub fn finish(self) -> Result<()> {
         let sum = self.writer.world.sum_modulo(self.sum);
-        self.writer.agree(attribute(&self.dataset, CHECKSUM, &sum))?;
+        self.writer.metadata(|| attribute(&self.dataset, CHECKSUM, &sum))?;
         drop(ManuallyDrop::into_inner(self.dataset));
         Ok(())
     }

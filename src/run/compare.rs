@@ -143,8 +143,11 @@ pub(crate) fn compare(
     };
     let norm_fell = estimate(prepared, warp, &solution.fields, summary);
     include_step_error(summary);
+    summary.inflow_jumps = prepared.system.schedule.as_ref().is_some_and(|all| all.jumps);
+    // A measured error says more.
+    let jumps = (summary.inflow_jumps && !case.verify).then(|| INFLOW_JUMPS.to_owned());
     let warnings: Vec<String> =
-        norm_fell.into_iter().chain(above_tolerance(plan, summary)).collect();
+        norm_fell.into_iter().chain(jumps).chain(above_tolerance(plan, summary)).collect();
     let norms = state_norms(prepared, &solution.fields[0][0]);
     summary.probabilities = Some(Probabilities::new(
         &PlannedState::of_plan(warp, &plan.bounds, case),
@@ -378,6 +381,11 @@ fn estimate_from_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> E
         doubt,
     }
 }
+
+/// The warning about inflow that jumps in time.
+const INFLOW_JUMPS: &str = "inflow.value jumps in time, so that the error may be far above the \
+    tolerance; end the run at the jump and continue it (run --continue), make the jump smooth, or \
+    measure the error (solver.verify = true)";
 
 /// Largest leading term of a step's error that counts as an estimate of it.
 const LARGEST_STEP_ERROR: f64 = 0.1;

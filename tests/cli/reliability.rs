@@ -307,6 +307,35 @@ fn links_and_pipes_are_not_followed() {
     }
 }
 
+/// Pictures replace links and pipes with their names, too.
+#[test]
+fn pictures_replace_links_and_pipes() {
+    let place = directory();
+    let victim = place.path().join("victim");
+    fs::write(&victim, b"text").expect("a file");
+    let results = place.path().join("results");
+    run().solve(&results).expect("a run");
+    let plots = results.join("plots");
+    let draw = || on_results("plot", results.clone()).within(30).succeed().expect("pictures");
+    draw();
+    let names = names_in(&plots);
+    assert!(names.iter().any(|name| name.ends_with(".png")), "{names:?}");
+    for (k, name) in names.iter().enumerate() {
+        let path = plots.join(name);
+        fs::remove_file(&path).expect("a picture");
+        match k % 4 < 2 {
+            true => std::os::unix::fs::symlink(&victim, &path).expect("a link"),
+            false => make_pipe(&path),
+        }
+    }
+    draw();
+    assert_eq!(fs::read(&victim).expect("a file"), b"text");
+    assert_eq!(names_in(&plots), names);
+    for name in names {
+        assert!(fs::symlink_metadata(plots.join(&name)).expect("a file").is_file(), "{name}");
+    }
+}
+
 /// What becomes of a pipe in an output directory.
 #[derive(Clone, Copy, PartialEq)]
 enum Pipe {

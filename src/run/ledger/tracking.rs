@@ -75,24 +75,24 @@ impl<'a> ParticleTracker<'a> {
     /// Follows a particle with the fraction `share` of its mass.
     pub fn follow(&mut self, tally: &mut ParticleTally, particle: &Particle, share: f64) {
         let mass = share * particle.mass;
-        // The product of the factors at all jumps so far, and the same without the last.
-        let (mut factor, mut before) = (1.0, 1.0);
+        // What all jumps so far add to the particle's mass, and the same without the last.
+        let (mut added, mut before) = (0.0, 0.0);
         let gains = &mut self.gains;
         let found = self.tracer.follow_with(&particle.point, particle.time, &mut |met| {
-            before = factor;
-            factor *= gains.as_mut().map_or(1.0, |gains| gains.factor(met));
+            before = added;
+            added += gains.as_mut().map_or(0.0, |gains| gains.factor(met) - 1.0);
         });
         if let Some(exit) = found.exit {
             let end = end_index(AxisEnd { axis: exit.axis, upper: exit.upper });
             if exit.at_jump {
                 tally.at_jumps[end] += mass;
                 // Its new velocity is not on the grid, so the last jump adds no mass to it.
-                factor = before;
+                added = before;
             } else {
                 tally.outflow[end] += mass;
             }
         }
-        tally.interface += mass * (factor - 1.0);
+        tally.interface += mass * added;
     }
 }
 

@@ -84,9 +84,9 @@ fn parts(parts: &ErrorParts) -> String {
         None => format!("{GRID_ERROR} {:.1e} (x and v not measured apart)", parts.discretisation),
     };
     let others = [
-        (ALGORITHM_ERROR, parts.schrodingerization),
-        ("error of the implicit step", parts.step),
-        ("error of the readout", parts.readout),
+        (format!("{ALGORITHM_ERROR} at most"), parts.schrodingerization),
+        ("error of the implicit step".to_owned(), parts.step),
+        ("error of the readout".to_owned(), parts.readout),
     ];
     for (name, part) in others {
         if let Some(part) = part {
