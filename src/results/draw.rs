@@ -7,6 +7,7 @@
 //! | `extent` | ends of axes, from the data |
 //! | `ticks` | axes for `plotters`, with their ticks |
 //! | `shape`, `text` | lines, markers and texts in pixels |
+//! | `raster`, `png_file` | pixels with few colours; pixels as a PNG file |
 //!
 //! `plotters` draws axes, grids, labels, dashes, intervals and colours. This room adds ticks (see
 //! `ticks`), more markers than its three, lines that end at the frame, where it would bend them,
@@ -14,6 +15,7 @@
 
 pub mod extent;
 pub mod panel;
+pub mod png_file;
 pub mod raster;
 pub mod shape;
 pub mod text;
@@ -22,7 +24,7 @@ pub mod ticks;
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::results::draw::panel::{ABOVE, BELOW, BOLD, PanelFrame};
-use crate::results::draw::raster::png_file;
+use crate::results::draw::png_file::png_file;
 use crate::results::draw::shape::{Area, Drawn, PIXELS, PixelPoint, pixels};
 use crate::results::figure::Figure;
 use crate::results::figure::palette::{INK, PAPER};
