@@ -747,18 +747,29 @@ mod tests {
 
     /// The matrix of a potential that is 0 where it is not given, on `elements` along `x` and `v`.
     fn matrix_of(potential: &str, degree: usize, elements: [usize; 2]) -> BlockMatrix {
-        let axis = |name: &str, end: f64, elements: usize| {
-            format!("{name} = {{ lower = -{end}, upper = {end}, cells = {elements} }}\n")
+        matrix_of_block(potential, degree, elements, -1.5, 1)
+    }
+
+    /// The same of the first of `blocks` blocks, for velocities from `lower` on.
+    fn matrix_of_block(
+        potential: &str,
+        degree: usize,
+        elements: [usize; 2],
+        lower: f64,
+        blocks: usize,
+    ) -> BlockMatrix {
+        let axis = |name: &str, lower: f64, upper: f64, elements: usize| {
+            format!("{name} = {{ lower = {lower}, upper = {upper}, cells = {elements} }}\n")
         };
         let text = format!(
             "[[axis]]\n{}{}[[potential]]\n{potential}\n\
              [[potential]]\nvalue = \"0\"\n[scheme]\ndegree = {degree}\n\
              [initial]\nf = \"exp(-x^2)\"\n[time]\nend = 1.0\n",
-            axis("x", 1.0, elements[0]),
-            axis("v", 1.5, elements[1])
+            axis("x", -1.0, 1.0, elements[0]),
+            axis("v", lower, 1.5, elements[1])
         );
         let case = Case::parse("case", &text, &[]).expect("a case");
-        let block = Block::new(&case.space, &ProcessMesh { space: vec![1], groups: 1 }, 0);
+        let block = Block::new(&case.space, &ProcessMesh { space: vec![blocks], groups: 1 }, 0);
         let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
         matrix.gather_elements();
         matrix
@@ -795,8 +806,12 @@ mod tests {
     /// The neighbours of merged tiles are those of the rows of these tiles.
     #[test]
     fn merged_tiles_have_the_neighbours_of_their_rows() {
-        for (degree, elements) in [(0, 24), (2, 9)] {
-            let matrix = matrix(degree, elements);
+        let step = "where = \"x < 0\"\nvalue = \"0.2\"";
+        // Of two blocks, with particles at rest, which are not coupled to ghosts.
+        let rests = matrix_of_block(step, 0, [24, 8], -0.1, 2);
+        let all = [(0, 24), (2, 9)]
+            .map(|(degree, elements)| (degree, elements, matrix_of(step, degree, [elements; 2])));
+        for (degree, elements, matrix) in all.into_iter().chain([(0, 12, rests)]) {
             let fine = Tiling::new(&matrix, 8).neighbours(&matrix);
             for parts in [1, 2, 4, 8] {
                 let (merged, own) = (fine.merged(parts), Tiling::new(&matrix, parts));

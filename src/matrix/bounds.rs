@@ -447,6 +447,45 @@ mod tests {
         }
     }
 
+    /// The parts of the lines along `x` of elements, of a velocity box that a jump leads out of.
+    fn pieces(space: &str, potential: &str) -> Vec<crate::matrix::line_bounds::LinePiece> {
+        let text = format!(
+            "[[axis]]\nx = {{ lower = -1, upper = 1, {space} }}\n\
+             v = {{ lower = -0.5, upper = 0.5, cells = 4 }}\n\
+             [[potential]]\n{potential}\n[[potential]]\nvalue = \"0.25*x\"\n\
+             [scheme]\ndegree = 1\n[initial]\nf = \"1\"\n[time]\nend = 1\n"
+        );
+        let case = Case::parse("scene", &text, &[]).expect("a case");
+        let scan = PotentialScan::new(&case).expect("V is finite");
+        scan.faces.expect("elements").pieces(0)
+    }
+
+    #[test]
+    fn faces_at_the_end_of_a_period_are_those_of_a_jump() {
+        // More cells of space than are evaluated together.
+        for cells in [8, 40000] {
+            let space = format!("cells = {cells}, boundary = \"periodic\"");
+            let found = pieces(&space, "where = \"x < -2\"\nvalue = \"0\"");
+            let faces: Vec<_> = found.iter().map(|piece| piece.faces).collect();
+            let (inner, beyond) = (FaceKind::Inner, FaceKind::Beyond);
+            let expected = [[inner, inner], [inner, beyond], [beyond, inner]];
+            assert_eq!(faces, expected, "{cells} cells");
+        }
+    }
+
+    #[test]
+    fn long_parts_have_room_on_both_sides_of_a_jump() {
+        let longest = |condition: &str| {
+            let potential = format!("where = \"{condition}\"\nvalue = \"0.25*x + 0.25\"");
+            pieces("cells = 32", &potential).iter().map(|piece| piece.elements).max()
+        };
+        // Three elements from an end.
+        for condition in ["x < -0.8125", "x < 0.8125", "x < -0.8125 || x > 0.8125"] {
+            assert_eq!(longest(condition), Some(1), "{condition}");
+        }
+        assert_eq!(longest("x < 0"), Some(8));
+    }
+
     #[test]
     fn the_rate_counts_forces_anywhere_and_jumps_of_single_cells() {
         // More cells of space than are evaluated together, with the force in the first ones.

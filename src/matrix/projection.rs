@@ -315,6 +315,24 @@ mod tests {
         }
     }
 
+    /// The coefficients of a Legendre polynomial at the nodes are those of itself alone.
+    #[test]
+    fn legendre_polynomials_have_one_coefficient() {
+        for k in 1..=8 {
+            for nodes in [Nodes::of_space(k), Nodes::of_velocity(k)] {
+                for (i, row) in legendre_transform(nodes).iter().enumerate() {
+                    for j in 0..=k {
+                        let values =
+                            nodes.reference().nodes.iter().map(|x| legendre_values(k, *x)[j]);
+                        let found: f64 = row.iter().zip(values).map(|(c, value)| c * value).sum();
+                        let expected = f64::from(u8::from(i == j));
+                        assert!((found - expected).abs() < 1e-12, "{nodes:?}, {i}, {j}: {found}");
+                    }
+                }
+            }
+        }
+    }
+
     #[test]
     fn mass_of_what_jumps_is_kept() {
         // The jump lies inside elements along both axes.

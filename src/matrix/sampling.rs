@@ -144,3 +144,27 @@ fn most_cuts(dimension: usize, points: f64) -> usize {
     let few = |cuts: &usize| dimension == 1 || after(*cuts) <= MOST_CUT_POINTS;
     (0..=most).rev().find(few).unwrap_or(0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parallel::partition::ProcessMesh;
+    use crate::problem::element::Nodes;
+    use crate::problem::grid::Axis;
+
+    /// A node on a face has the value on its own side of a jump there.
+    #[test]
+    fn nodes_on_faces_are_sampled_inside_of_their_elements() {
+        let space = PhaseSpace {
+            x: vec![Axis::new(-1.0, 1.0, 2).with_nodes(Nodes::of_space(2))],
+            v: vec![Axis::new(-1.0, 1.0, 1)],
+            periodic: [false; MAX_DIMENSION],
+        };
+        let block = Block::new(&space, &ProcessMesh { space: vec![1], groups: 1 }, 0);
+        let step = |points: &[[f64; 6]]| -> Vec<f64> {
+            points.iter().map(|point| if point[0] < 0.0 { 0.0 } else { 1.0 }).collect()
+        };
+        let values = sample_with(&space, &SampledCells::whole(&block), step);
+        assert_eq!(values, [0.0, 0.0, 0.0, 1.0, 1.0, 1.0]);
+    }
+}

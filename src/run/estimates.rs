@@ -293,6 +293,16 @@ mod tests {
         }
     }
 
+    /// If coefficients fall fast, those beyond are smaller than the highest one.
+    #[test]
+    fn smooth_functions_have_less_beyond() {
+        for degree in 2..=8 {
+            let fall: Vec<f64> = (0..=degree).map(|j| 0.01f64.powi(j)).collect();
+            let highest = fall[fall.len() - 1];
+            assert!((0.001..0.01).contains(&(beyond(&fall) / highest)), "degree {degree}");
+        }
+    }
+
     /// From degree 4 on, an even or odd function has as much beyond an element's degree as one
     /// whose coefficients fall like its own that are not zero.
     #[test]

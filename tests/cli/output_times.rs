@@ -247,18 +247,24 @@ fn moments_without_fields_equal_those_of_fields() {
     assert!(off < 2e-8, "f: {off:e}");
 }
 
-/// Moments at many times need few more applications of the matrix than a run without them. They
-/// equal the moments of a run that is divided into legs.
+/// Moments at many times need no more applications of the matrix than a run without them, or a
+/// third more where a box fills, whose field is small soon after the start. They equal the moments
+/// of a run that is divided into legs.
 #[test]
 fn moments_at_many_times_need_few_more_applications() {
     let rows = [
-        ("example1.toml", &["solver.tolerance=1e-6"][..], 20),
-        ("example1.toml", &["solver.tolerance=1e-9"], 100),
-        ("inflow_barrier.toml", &["axis.0.x.cells=40", "axis.0.v.cells=33"], 50),
-        ("barrier2d.toml", &["axis.0.x.cells=9", "axis.1.v.cells=7"], 20),
-        ("smooth-beams.toml", &["axis.0.x.cells=10", "axis.0.v.cells=6", "scheme.degree=2"], 20),
+        ("example1.toml", &["solver.tolerance=1e-6"][..], 20, 1.05),
+        ("example1.toml", &["solver.tolerance=1e-9"], 100, 1.05),
+        ("inflow_barrier.toml", &["axis.0.x.cells=40", "axis.0.v.cells=33"], 50, 1.33),
+        ("barrier2d.toml", &["axis.0.x.cells=9", "axis.1.v.cells=7"], 20, 1.05),
+        (
+            "smooth-beams.toml",
+            &["axis.0.x.cells=10", "axis.0.v.cells=6", "scheme.degree=2"],
+            20,
+            1.05,
+        ),
     ];
-    check_all(&rows, |&(name, settings, times)| {
+    check_all(&rows, |&(name, settings, times, most)| {
         let (one, many, legs) = (directory(), directory(), directory());
         let job = run(name).set(settings).set(&["time.end=0.5"]);
         let every = format!("output.moments_every={}", 0.5 / f64::from(times));
@@ -266,7 +272,7 @@ fn moments_at_many_times_need_few_more_applications() {
         let summary = job.clone().set(&[&every]).on(3).solve(many.path())?;
         let [few, all] = [&first, &summary].map(|summary| summary.number("matvecs"));
         let (few, all) = (few?, all?);
-        summary.require(all <= 1.3 * few, || format!("{all} applications, {few}"))?;
+        summary.require(all <= most * few, || format!("{all} applications, {few}"))?;
         // A field at each of two times in the middle: three legs.
         let fields = "output.field_times=[0.2, 0.3]";
         job.set(&[&every, fields]).on(1).solve(legs.path())?;

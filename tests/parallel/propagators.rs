@@ -110,10 +110,17 @@ fn propagate(
     };
     let modes = 0..batch.modes;
     let errors = propagator.step_error();
+    let step_errors: Vec<_> = modes.clone().filter_map(|l| Some(whole(errors?, l))).collect();
+    let initial_size = norm(&weighted.state);
+    for (l, error) in step_errors.iter().enumerate() {
+        let (mu, steps) = (batch.wavenumbers[l], batch.largest_work());
+        let bound = propagator.largest_step_error(&parts.evolution, mu, steps) * initial_size;
+        assert!(size(error) <= bound, "mu = {mu}, {steps} steps: {:e} {bound:e}", size(error));
+    }
     Propagated {
-        states: modes.clone().map(|l| whole(propagator.state(), l)).collect(),
-        step_errors: modes.filter_map(|l| Some(whole(errors?, l))).collect(),
-        initial_size: norm(&weighted.state),
+        states: modes.map(|l| whole(propagator.state(), l)).collect(),
+        step_errors,
+        initial_size,
         report,
     }
 }

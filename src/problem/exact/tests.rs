@@ -381,7 +381,9 @@ fn paths_along_axes_are_whole_paths() {
         let tracer = Tracer::new(&case).expect("V is finite");
         assert_eq!(tracer.paths.is_some(), is_by_axes, "{bent}");
         let (mut inside, mut left) = (0, 0);
-        for point in spread(&case.space, 400, 1.0) {
+        // Also points with the same position and velocity along both axes.
+        let alike = |point: [f64; 6]| [point, [point[0], point[0], 0.0, point[3], point[3], 0.0]];
+        for point in spread(&case.space, 400, 1.0).into_iter().flat_map(alike) {
             let whole = tracer.follow(&point, 1.3);
             match tracer.end_by_axes(&point, 1.3) {
                 None => assert!(!is_by_axes),
@@ -398,6 +400,32 @@ fn paths_along_axes_are_whole_paths() {
             }
         }
         assert!(!is_by_axes || inside > 50 && left > 50, "{inside} {left}");
+    }
+}
+
+/// There are no paths along the axes where only the jumps along an axis depend on another one.
+#[test]
+fn jumps_may_depend_on_another_axis() {
+    let (x, v) = ((-1.5, 1.5, 12), (-1.5, 1.5, 12));
+    for (condition, is_by_axes) in [("x < 0.25", true), ("x < 0.25 && y < 0", false)] {
+        let case = case(2, x, v, &[(condition, "0.1*x + 0.2"), ("", "0.1*x")], "0", "0");
+        let tracer = Tracer::new(&case).expect("V is finite");
+        assert_eq!(tracer.paths.is_some(), is_by_axes, "{condition}");
+    }
+}
+
+/// What enters is taken at the place and time of entry also where paths along the axes are known.
+#[test]
+fn what_enters_varies_where_axes_are_independent() {
+    let axis = (-1.5, 1.5, 12);
+    let case = case(2, axis, axis, &[("", "0.3*x + 0.1*y")], "7", "x + 2*y + 3*vx + 4*vy");
+    let tracer = Tracer::new(&case).expect("V is finite");
+    let whole = Tracer { paths: None, ..tracer.clone() };
+    let points = spread(&case.space, 400, 1.0);
+    let [found, expected] = [&tracer, &whole].map(|tracer| tracer.values(&points, 1.3));
+    assert!(tracer.paths.is_some() && expected.iter().filter(|value| **value != 7.0).count() > 50);
+    for ((point, found), expected) in points.iter().zip(&found).zip(&expected) {
+        assert!((found - expected).abs() < 1e-9, "{point:?}: {found} {expected}");
     }
 }
 
@@ -429,10 +457,11 @@ fn lines_are_followed_as_whole_paths() {
     let pit = [("x > -0.3 && x < 0.3", "abs(x) - 1"), ("", "0")];
     let wide = (-1.8, 1.8, 30);
     let narrow = (-0.9, 1.2, 21);
+    let mirrored = (-1.2, 0.9, 21);
     let mut by_line = 0;
     let flat = [("", "0")];
     for potential in [&step[..], &hill, &well, &pit, &flat] {
-        for case in [wide, narrow].map(|v| one(v, potential)) {
+        for case in [wide, narrow, mirrored].map(|v| one(v, potential)) {
             by_line += lines_against_whole_paths(&case);
         }
     }
@@ -501,6 +530,13 @@ fn inflow_through_the_ends_of_the_box() {
             10.0 * from_x + from_v
         };
         assert!((value - expected).abs() < 1e-11, "{x} {v}: {value}");
+    }
+    // Data are those outside of an end of v, too.
+    let outside = "1 if v > 1.5 else 2 if v < -1.5 else 3";
+    for (potential, (x, v), expected) in [("x", (1.0, 1.4), 1.0), ("-2*x", (0.0, -1.4), 2.0)] {
+        let case = case(1, symmetric, symmetric, &[("", potential)], "7", outside);
+        let value = tracer(&case).value(&[x, 0.0, 0.0, v, 0.0, 0.0], 1.0);
+        assert_eq!(value, expected, "{potential}");
     }
     // inflow.value = "initial"
     let case = case(1, symmetric, symmetric, &[("", "0")], "3*x - v", "initial");

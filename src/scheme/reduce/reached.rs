@@ -289,7 +289,7 @@ mod tests {
     use super::*;
 
     /// Dimension and settings.
-    const SCENES: [(&str, &[&str]); 14] = [
+    const SCENES: [(&str, &[&str]); 17] = [
         ("1", &[]),
         ("1", &["scheme.interface=conservative"]),
         ("1", &["potential.0.value=0", "potential.1.value=0.2"]),
@@ -318,6 +318,34 @@ mod tests {
                 "scheme.degree=1", "axis.0.v.upper=1.5", "axis.0.v.lower=-1.5",
                 "axis.1.v.upper=1.5", "axis.1.v.lower=-1.5", "axis.0.v.cells=6",
                 "axis.1.v.cells=6",
+            ],
+        ),
+        // The walk over the data fills one plane before the other.
+        ("2", &["initial.f=abs(vy) < 0.2 if x < 0 else abs(vx) < 0.2 && abs(vy - 0.3) < 0.7"]),
+        // Only the last nodes of elements draw from what enters at an upper end.
+        (
+            "1",
+            &[
+                "scheme.degree=2",
+                "scheme.flux=1",
+                CENTRED,
+                "axis.0.v.lower=-1.4",
+                "initial.f=0",
+                "inflow.value=1 if x > 0 && v > -0.5 && v < -0.2 else 0",
+            ],
+        ),
+        // Only what goes around the axis meets the slope.
+        (
+            "1",
+            &[
+                "scheme.degree=1",
+                "scheme.flux=1",
+                CENTRED,
+                "axis.0.v.lower=-1.4",
+                "axis.0.x.boundary=periodic",
+                "potential.0.where=x < -0.75",
+                "potential.0.value=0.1*x",
+                "initial.f=abs(x) < 0.3 && abs(v - 0.4) < 0.3",
             ],
         ),
     ];

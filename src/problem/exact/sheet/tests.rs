@@ -424,6 +424,18 @@ fn periodic_axes_hold_what_copies_side_by_side_hold() {
     assert!(line.branch.last().is_some_and(|b| *b >= 2.0));
 }
 
+/// At the end of the period the curve goes on at the other end with the same velocity.
+#[test]
+fn the_curve_goes_on_around_a_periodic_axis() {
+    let velocity: &[&str] = &["0.7 + 0.4*cos(pi*x)"];
+    let mut case = Scene { cells: 12, velocity, end: 0.45, ..BEAM }.case();
+    case.space.periodic[0] = true;
+    let MultivaluedVelocity { x, v, .. } = exact(&case).curve.expect("a curve");
+    let around = (1..x.len()).filter(|&i| [x[i - 1], x[i]] == [1.0, -1.0]);
+    let apart: Vec<f64> = around.map(|i| (v[i] - v[i - 1]).abs()).collect();
+    assert!(!apart.is_empty() && apart.iter().all(|apart| *apart < 1e-12), "{apart:?}");
+}
+
 /// A periodic axis, or copies of it to both sides of the middle one, in a box with ends.
 fn copies_in_a_row(copies: i64) -> Case {
     let length = 1 + 2 * copies;
