@@ -37,8 +37,8 @@ fn tolerances_are_met_in_every_case() {
     });
 }
 
-/// Where a box nearly empties, the error of the field may be larger than that of the profile, as `S`
-/// and `K` do not commute.
+/// Where a box nearly empties, the error of the field may be larger than that of the profile, as
+/// `S` and `K` do not commute.
 #[test]
 fn tolerances_are_met_in_boxes_that_empty() {
     const TEXT: &str = "[[axis]]\nx = { lower = -1, upper = -0.5, cells = 1, degree = 5 }\n\

@@ -45,7 +45,8 @@ fn functions_of_planted_faults_are_there() {
         let is_there = ["(", "<"].iter().any(|end| text.contains(&format!("fn {name}{end}")));
         assert!(is_there, "{file} has no function {function}");
     }
-    assert_eq!(rows, 130);
+    // Of the first table, and of that of newer code, whose rows may have several faults.
+    assert_eq!(rows, 130 + 40);
 }
 
 /// Names of the types and traits that are defined outside functions, implementations and inline

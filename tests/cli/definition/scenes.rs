@@ -82,8 +82,8 @@ fn exported_as_defined(
     Ok(worst)
 }
 
-/// Runs a scene by `job`. Returns the distance of its field from that of the definition, divided by the
-/// tolerance; nothing if the run was refused.
+/// Runs a scene by `job`. Returns the distance of its field from that of the definition, divided by
+/// the tolerance; nothing if the run was refused.
 fn solved_as_defined(
     job: Job,
     place: &Path,
