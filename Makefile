@@ -47,7 +47,7 @@ test: setup ## run every test, also on several ranks (ARGS= is passed to cargo t
 torture: setup ## faults, full and lost disks, random cases, many (TRIALS=, SCENES=, FIRST=)
 	PHASEWARP_TRIALS=$(TRIALS) PHASEWARP_SCENES=$(SCENES) PHASEWARP_FIRST_TRIAL=$(FIRST) \
 	    $(CARGO) test --release --test cli -- --nocapture torture disks random_cases definition \
-	    answers_of_random random_fields
+	    answers_of_random random_fields random_runs
 
 # Each file of `changed_words` takes a process of its own: a hundredth as many.
 fuzz: setup ## readers on random inputs, for hours (FUZZ=, FIRST=)

@@ -1,7 +1,7 @@
 //! `phasewarp advise`: an advised run reaches the accuracy, and a run on half the cells does not.
 
 use crate::support::{Job, case, check_all, directory};
-use crate::support::{datasets, json_of};
+use crate::support::{datasets, json_of, written};
 use serde_json::Value;
 use std::path::Path;
 
@@ -58,13 +58,6 @@ fn density_error(directory: &Path) -> Result<f64, String> {
     let exact: Vec<f64> = (0..density.len()).map(average).collect();
     let difference: f64 = density.iter().zip(&exact).map(|(a, b)| (a - b).abs()).sum();
     Ok(difference / exact.iter().sum::<f64>())
-}
-
-/// A case file in a directory of its own.
-fn written(place: &Path, text: &str) -> Result<String, String> {
-    let path = place.join("case.toml");
-    std::fs::write(&path, text).map_err(|e| e.to_string())?;
-    Ok(path.display().to_string())
 }
 
 /// If nearly all of the error comes from x, the advice has few velocities: far fewer than the ratio

@@ -2,10 +2,10 @@
 
 use crate::checkpoint::{Fault, OFTEN, generations, with_fault};
 use crate::random_cases::{Choices, check_scenes};
-use crate::reduce::scene;
+use crate::reduce::{THREE_METHODS, scene};
 use crate::support::{
     Job, Summary, at_most, case, change_hdf5, check_all, datasets, differences, directory,
-    directory_on_disk, distance, field, near, of_case, run,
+    directory_on_disk, distance, field, near, of_case, run, written,
 };
 use std::fs;
 use std::path::Path;
@@ -83,15 +83,10 @@ fn random_runs_in_two_parts_are_one_run() {
     check_scenes(12, 0.5, |choices| {
         let text = scene(choices);
         let place = directory();
-        let path = place.path().join("scene.toml");
-        fs::write(&path, &text).map_err(|e| e.to_string())?;
+        let path = written(place.path(), &text)?;
         let middle = choices.of(&[0.02, 0.05, 0.0777]);
-        let method = choices.of(&[
-            "solver.propagator.method=chebyshev",
-            "solver.propagator.method=krylov",
-            "solver.method=classical",
-        ]);
-        let job = Job::new(["run", &path.display().to_string()]);
+        let method = choices.of(&THREE_METHODS);
+        let job = Job::new(["run", &path]);
         let exact = choices.of(&["exact={}", "exact.kind=characteristics"]);
         let job = job.set(&[method, exact, "solver.verify=true"]);
         let agree = parts_agree(&job, [middle, choices.of(&[0.1, 0.3])], choices);

@@ -3,7 +3,7 @@
 
 use crate::support::{
     INTERFACES, Job, SLOPES, at_most, check_all, datasets, directory, finite_volumes, near, run,
-    shrunk,
+    shrunk, written,
 };
 
 /// The L1 error of example 1 at two sizes. Its order is about ½, as the solution jumps.
@@ -303,11 +303,10 @@ fn what_enters_is_evaluated_outside_of_the_box() {
     let rows: Vec<_> = ends.iter().flat_map(|end| [0, 1, 3].map(|degree| (end, degree))).collect();
     check_all(&rows, |&(&(outside, at_end, potential), degree)| {
         let place = directory();
-        let path = place.path().join("case.toml");
-        std::fs::write(&path, TEXT).map_err(|e| e.to_string())?;
+        let path = written(place.path(), TEXT)?;
         let solve = |inflow: &str, name: &str| -> Result<_, String> {
             let results = place.path().join(name);
-            let job = Job::new(["run", &path.display().to_string()]).on(2);
+            let job = Job::new(["run", &path]).on(2);
             let set = [
                 format!("inflow.value='{inflow}'"),
                 format!("potential.0.value={potential}"),

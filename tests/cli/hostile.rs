@@ -283,18 +283,24 @@ fn control_characters_of_a_case_are_not_printed() {
         let done = Job::new([command, &at]).succeed().expect("an end");
         none(command, &(done.output + &done.errors));
     }
+    let exports = ["export-matrix", "export-quantum"].map(|command| {
+        let small = ["axis.0.x.cells=8", "axis.0.v.cells=4", "solver.tolerance=1e-2", &title];
+        let folder = path.join(command);
+        of_case(command, "example1.toml").set(&small).into(&folder).succeed().expect("an export");
+        folder
+    });
     let mut texts = 0;
-    for folder in [path.to_owned(), path.join("plots")] {
+    for folder in [path.to_owned(), path.join("plots")].into_iter().chain(exports) {
         for entry in fs::read_dir(folder).expect("a directory") {
             let name = entry.expect("an entry").path();
             let ending = name.extension().and_then(|e| e.to_str()).unwrap_or_default();
-            if ["html", "svg", "xdmf", "json", "csv"].contains(&ending) {
+            if ["html", "svg", "xdmf", "json", "csv", "mtx"].contains(&ending) {
                 none(&name.display().to_string(), &text_of(&name).unwrap());
                 texts += 1;
             }
         }
     }
-    assert!(texts > 3, "{texts} texts");
+    assert!(texts > 8, "{texts} texts");
     for setting in ["potential.0.where", "solver.warp.profile", "initial.f"] {
         let job = of_case("check", "example1.toml");
         let refused = job.set(&[&format!("{setting}={hostile}")]).run().expect("an end");

@@ -4,7 +4,7 @@ use crate::memory::planned_above_peak;
 use crate::support::{
     INTERFACES, Job, Summary, at_most, check_all, datasets, differences, directory,
     estimate_is_right_or_silent, number_from_environment, refused, run, solved_or_refused,
-    tolerance_is_met,
+    tolerance_is_met, written,
 };
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -75,9 +75,7 @@ pub fn check_scenes(
 /// Whether a scene has a solution other than zero: it is solved as it must be, or refused.
 fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
     let (place, more) = (directory(), directory());
-    let path = place.path().join("scene.toml");
-    std::fs::write(&path, scene).map_err(|e| e.to_string())?;
-    let path = path.display().to_string();
+    let path = written(place.path(), scene)?;
     let by_steps = scene.contains(STEP);
     let finished = Job::new(["run", &path]).into(place.path()).run()?;
     if finished.code == Some(2) {

@@ -177,7 +177,7 @@ fn datasets_agree(less: &Summary, with: &Path, without: &Path, allowed: f64) -> 
 /// depend on some of the coordinates.
 #[test]
 fn answers_of_random_scenes_are_those_of_the_whole_grid() {
-    check_scenes(24, 0.2, |choices| {
+    check_scenes(24, 0.3, |choices| {
         let text = scene(choices);
         let is_reduced = agrees_with_the_whole_grid(&text, choices.of(&[1, 2, 3]));
         is_reduced.map_err(|e| format!("{e}\n  of:\n{text}"))
@@ -205,6 +205,13 @@ fn agrees_with_the_whole_grid(scene: &str, ranks: usize) -> Result<bool, String>
     datasets_agree(&less, with.path(), without.path(), 1e-6)?;
     Ok(less.number("cells")? < all.number("cells")?)
 }
+
+/// Settings of methods that solve any [`scene`] to its tolerance.
+pub const THREE_METHODS: [&str; 3] = [
+    "solver.propagator.method=chebyshev",
+    "solver.propagator.method=krylov",
+    "solver.method=classical",
+];
 
 /// A random scene in one to three dimensions, of at most about 5000 unknowns, until 0.1 or 0.5.
 pub fn scene(choices: &mut Choices) -> String {

@@ -3,7 +3,7 @@
 use crate::support::{
     INTERFACES, Job, at_most, check_all, directory, dissipative, distance,
     estimate_is_right_or_silent, field, finite_volumes, meets_its_tolerance, near, parsed, plan,
-    refused, require, run, shrunk, stored_plan, tolerance_is_met,
+    refused, require, run, shrunk, stored_plan, tolerance_is_met, written,
 };
 
 const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
@@ -59,9 +59,7 @@ fn tolerances_are_met_in_boxes_that_empty() {
         rows.iter().flat_map(|row| row.1.map(|tolerance| (row.0, tolerance))).collect();
     check_all(&rows, |(settings, tolerance)| {
         let place = directory();
-        let path = place.path().join("case.toml");
-        std::fs::write(&path, TEXT).map_err(|e| e.to_string())?;
-        let job = Job::new(["run", &path.display().to_string()]).set(settings);
+        let job = Job::new(["run", &written(place.path(), TEXT)?]).set(settings);
         let job = job.set(&[&format!("solver.tolerance={tolerance}")]);
         meets_its_tolerance(&job.summary()?)
     });

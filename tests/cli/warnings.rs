@@ -2,6 +2,28 @@
 
 use crate::support::{Summary, check, check_all, directory, require, run};
 
+/// Inflow that jumps in time gives a warning, unless the error is measured, and no run says that its
+/// plan keeps the tolerance. A smooth pulse gives none.
+#[test]
+fn inflow_that_jumps_in_time_gives_a_warning() {
+    let small = ["axis.0.x.cells=16", "axis.0.v.cells=12", "solver.tolerance=1e-3", "time.end=0.5"];
+    let jumping = "inflow.value='1 if t < 0.31 else 0'";
+    let rows: [(&[&str], bool); 3] = [
+        (&[jumping], true),
+        (&[jumping, "solver.verify=true"], false),
+        (&["inflow.value='sin(t)^2'"], false),
+    ];
+    check_all(&rows, |(settings, warns)| {
+        let place = directory();
+        let job = run("inflow_barrier.toml").set(&small).set(settings).on(2);
+        let finished = job.into(place.path()).succeed()?;
+        let found = finished.errors.contains("warning: inflow.value jumps in time");
+        require(found == *warns, &finished, || format!("warns: {found}"))?;
+        let planned = finished.output.contains("planned within");
+        require(!(planned && *warns), &finished, || "called planned".to_owned())
+    });
+}
+
 /// An edge of a region inside a cell is moved to a face. A warning names the distance, in `check`,
 /// in `run` and in `summary.json`.
 #[test]

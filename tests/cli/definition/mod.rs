@@ -158,6 +158,13 @@ pub struct Region {
 }
 
 impl Region {
+    /// A bound on `|V|` where `|x|` is at most `reach`.
+    fn bound(&self, reach: &[f64]) -> f64 {
+        let of_axis =
+            |(a, x): (usize, &f64)| (self.slope[a].abs() + self.curvature[a].abs() * x) * x;
+        self.constant.abs() + reach.iter().enumerate().map(of_axis).sum::<f64>()
+    }
+
     fn value(&self, x: &[f64]) -> f64 {
         let of_axis = |(a, x): (usize, &f64)| (self.slope[a] + self.curvature[a] * x) * x;
         self.constant + x.iter().enumerate().map(of_axis).sum::<f64>()
@@ -271,13 +278,14 @@ impl Scene {
         if jump.abs() < ROUND_OFF { 0.0 } else { jump }
     }
 
-    /// The rate of a force that changes `V` by its largest constant, or by 1, over one cell: the
-    /// scale of the rounding errors of differences of `V`.
+    /// The rate of a force that changes `V` by a bound on its values over one cell: the scale of
+    /// the rounding errors of differences of `V`.
     pub fn force_scale(&self) -> f64 {
-        let values = self.regions.iter().map(|region| region.constant.abs());
+        let reach: Vec<f64> = self.space.iter().map(|x| x.lower.abs().max(x.upper.abs())).collect();
+        let values = self.regions.iter().map(|region| region.bound(&reach));
         let finest = self.space.iter().zip(&self.velocity);
         let finest = finest.map(|(x, v)| 1.0 / (x.width() * v.width()));
-        values.fold(1.0, f64::max) * finest.fold(0.0, f64::max)
+        values.fold(0.0, f64::max) * finest.fold(0.0, f64::max)
     }
 
     /// The semi-discrete system of the scene.

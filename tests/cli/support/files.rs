@@ -33,6 +33,13 @@ pub fn contents(directory: &Path) -> BTreeMap<String, Vec<u8>> {
     found
 }
 
+/// Writes a case file into a directory, and returns its path.
+pub fn written(place: &Path, text: &str) -> Result<String, String> {
+    let path = place.join("case.toml");
+    fs::write(&path, text).map_err(|e| e.to_string())?;
+    Ok(path.display().to_string())
+}
+
 /// Copies the contents of a directory.
 pub fn copy(from: &Path, to: &Path) -> std::io::Result<()> {
     fs::create_dir_all(to)?;
