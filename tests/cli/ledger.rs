@@ -361,7 +361,7 @@ fn constants_have_the_effect_of_their_numbers() {
 }
 
 /// What the `hat` interface adds is estimated to within 2 % of the mass where particles go to and
-/// fro between two barriers: the scatter of the factors of velocity cells does not add up to growth.
+/// fro between two barriers: the scatter of the factors of velocity cells is no growth.
 #[test]
 fn scatter_between_velocity_cells_is_no_growth() {
     const TEXT: &str = "[[axis]]\nx = { lower = 0, upper = 8, cells = 160 }\n\

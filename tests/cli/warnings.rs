@@ -2,8 +2,8 @@
 
 use crate::support::{Summary, check, check_all, directory, require, run};
 
-/// Inflow that jumps in time gives a warning, unless the error is measured, and no run says that its
-/// plan keeps the tolerance. A smooth pulse gives none.
+/// Inflow that jumps in time gives a warning, unless the error is measured, and no run says that
+/// its plan keeps the tolerance. A smooth pulse gives none.
 #[test]
 fn inflow_that_jumps_in_time_gives_a_warning() {
     let small = ["axis.0.x.cells=16", "axis.0.v.cells=12", "solver.tolerance=1e-3", "time.end=0.5"];
