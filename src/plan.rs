@@ -27,11 +27,12 @@ use crate::matrix::lanes::LANES;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance::Batch;
 use crate::plan::layout::{Layout, Resources, refuse_too_large};
-use crate::problem::case::{Case, Interface, Limiter, Method, Propagation};
+use crate::problem::case::{Case, Integrator, Interface, Limiter, Method, Propagation};
 use crate::problem::grid::Axis;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
 use crate::propagate::descriptor;
+use crate::propagate::inflow_panels::InflowPanels;
 use crate::propagate::method::{PropagatorSetting, RunWork};
 use crate::scheme::rows::transport_rate;
 use crate::schrodingerization::profile::Profile;
@@ -134,6 +135,25 @@ pub fn refuse_long_transport(case: &Case) -> Result<()> {
     }
 }
 
+/// Refuses an inflow that varies too fast in time to be integrated, if the run needs its integral:
+/// by the classical exponential, or for `solver.verify`.
+///
+/// # Errors
+/// [`Error::Input`].
+fn refuse_fast_inflow(case: &Case) -> Result<()> {
+    let is_classical = case.method == Method::Classical;
+    let needed =
+        if is_classical { case.integrator == Integrator::Exponential } else { case.verify };
+    if !case.varies() || !needed || InflowPanels::new(case, f64::INFINITY).resolved {
+        return Ok(());
+    }
+    let what = match is_classical {
+        true => "the classical exponential; solver.classical.integrator = \"ssp-rk3\" takes steps",
+        false => "solver.verify; leave it out",
+    };
+    Err(Error::Input(format!("{}: inflow.value varies too fast in time for {what}", case.name)))
+}
+
 impl Plan {
     /// The setting of the propagator for the series `warp`.
     pub fn propagator_setting(&self, warp: &WarpPlan) -> PropagatorSetting {
@@ -166,6 +186,7 @@ impl Plan {
         resources: &Resources,
         ratio: f64,
     ) -> Result<Self> {
+        refuse_fast_inflow(case)?;
         let warp = match case.method {
             Method::Schrodingerized => Some(WarpPlan::new(case, &bounds, ratio)?),
             Method::Classical if bounds.rate * case.duration() > LONGEST_SPAN * LONGEST_SPAN => {

@@ -20,6 +20,7 @@ pub mod classical;
 pub mod commutator_free;
 pub mod evolution;
 pub mod implicit;
+pub mod inflow_panels;
 pub mod intermediate_moments;
 pub mod interruption;
 pub mod krylov;

@@ -10,6 +10,7 @@ use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::GhostExchange;
 use crate::problem::case::{Case, Integrator, LiouvilleField};
+use crate::propagate::inflow_panels::{InflowPanels, NODES};
 use crate::propagate::limiter::{Reconstruction, longest_step};
 use std::ops::Range;
 
@@ -62,30 +63,29 @@ fn poisson_weights(lambda: f64, negligible: f64) -> (usize, Vec<f64>) {
     (window.start, weights)
 }
 
-/// Panels of [`Classical::duhamel`] for a run of `courant = rate·time`: 16 nodes integrate a
-/// function that varies with the rate to round-off. There are twice as many, and at least 32, for
-/// the variation of the inflow.
-pub fn duhamel_panels(courant: f64) -> usize {
-    ((courant / 4.0).ceil() as usize).max(32)
+/// Longest panel of [`Classical::duhamel`], as a part of `1/rate`: 16 nodes integrate a function
+/// that varies with the rate to round-off.
+const LONGEST_PANEL: f64 = 4.0;
+
+/// Panels of [`Classical::duhamel`] for the inflow of `case`, and the largest `rate` of change.
+pub fn duhamel_panels(case: &Case, rate: f64) -> InflowPanels {
+    InflowPanels::new(case, LONGEST_PANEL / rate)
 }
 
 /// Applications of `A` that [`Classical::duhamel`] takes.
-pub fn duhamel_applications(courant: f64, panels: usize) -> usize {
-    let width = courant / panels as f64;
+pub fn duhamel_applications(rate: f64, panels: &InflowPanels) -> usize {
+    let rule = gauss_legendre(NODES);
     let mut now = 0.0;
     let mut applications =
-        |at: f64| poisson_window(width * (at - std::mem::replace(&mut now, at)), EXACT).end;
-    let inside: usize = panel_rule().map(|point| applications(point.node)).sum();
-    // The part after the last node of a panel takes about as many as the part before its first.
-    panels * inside
-}
-
-/// Nodes of Gauss's rule on a panel of [`Classical::duhamel`].
-const GAUSS_NODES: usize = 16;
-
-/// Gauss's rule on a panel of unit length.
-fn panel_rule() -> impl Iterator<Item = QuadraturePoint> {
-    gauss_legendre(GAUSS_NODES).into_iter().map(|point| point.moved_to([0.0, 1.0]))
+        |at: f64| poisson_window(rate * (at - std::mem::replace(&mut now, at)), EXACT).end;
+    let mut all = 0;
+    for panel in panels.each() {
+        for point in &rule {
+            all += applications(point.moved_to(panel).node);
+        }
+    }
+    // The part after the last node.
+    all + panels.ends.last().map_or(0, |end| applications(*end))
 }
 
 /// The length of a propagation, and the largest rate of change.
@@ -174,28 +174,27 @@ impl<'a> Classical<'a> {
     }
 
     /// `state ← state(time)` of `f' = A f + b(t)`: `exp(A time) state + ∫ exp(A (time − s)) b(s)
-    /// ds`, the integral by Gauss's rule on `panels` equal parts. Between nodes there is no inflow;
-    /// at a node `s` with weight `w`, `w b(s)` is added. Of order `2·16` in the length of a panel
-    /// for smooth `b`. Collective over the space group.
+    /// ds`, the integral by Gauss's rule on `panels`, on which `b` is smooth. Between nodes there
+    /// is no inflow; at a node `s` with weight `w`, `w b(s)` is added. Collective over the space
+    /// group.
     pub fn duhamel(
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
         span: ClassicalSpan,
-        panels: usize,
+        panels: &InflowPanels,
     ) {
-        let rule: Vec<_> = panel_rule().collect();
-        let h = span.time / panels as f64;
+        let rule = gauss_legendre(NODES);
         let mut now = 0.0;
-        for panel in 0..panels {
-            for &QuadraturePoint { node, weight } in &rule {
-                let at = (panel as f64 + node) * h;
+        for panel in panels.each() {
+            for point in &rule {
+                let QuadraturePoint { node: at, weight } = point.moved_to(panel);
                 self.inflow.clear();
                 self.exponential(exchange, state, ClassicalSpan { time: at - now, ..span }, EXACT);
                 now = at;
                 self.set_inflow_at(at);
                 for (aux, b) in self.matrix.inflow.iter().zip(&self.inflow) {
-                    state[aux.row as usize] += weight * h * b;
+                    state[aux.row as usize] += weight * b;
                 }
             }
         }
@@ -412,14 +411,16 @@ pub fn exponential_applications(courant: f64, negligible: f64, by_elements: bool
 
 /// Steps of the classical method, leg by leg.
 pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
-    let steps = |&time: &f64| classical_steps_of(case, bounds.rate * time);
+    let steps = |&time: &f64| classical_steps_of(case, ClassicalSpan { rate: bounds.rate, time });
     case.legs().iter().map(steps).collect()
 }
 
-pub(crate) fn classical_steps_of(case: &Case, courant: f64) -> usize {
+pub(crate) fn classical_steps_of(case: &Case, span: ClassicalSpan) -> usize {
+    let courant = span.courant();
     match case.integrator {
+        // The results of such a run are written at the end only: one leg.
         Integrator::Exponential if case.varies() => {
-            duhamel_applications(courant, duhamel_panels(courant))
+            duhamel_applications(span.rate, &duhamel_panels(case, span.rate))
         }
         Integrator::Exponential => exponential_applications(courant, EXACT, case.is_galerkin()),
         Integrator::ForwardEuler | Integrator::SspRk3 => {

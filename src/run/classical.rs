@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::base::progress::Progress;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::GhostExchange;
-use crate::problem::case::Integrator;
+use crate::problem::case::{Case, Integrator};
 use crate::problem::legs::Leg;
 use crate::propagate::classical::{
     Classical, ClassicalSpan, EXACT, classical_steps, duhamel_panels,
@@ -17,9 +17,9 @@ use crate::solve::prepared::Prepared;
 
 /// The integration of a state over a leg.
 #[derive(Clone, Copy)]
-pub(crate) struct Integration {
-    /// The time integrator.
-    pub integrator: Integrator,
+pub(crate) struct Integration<'a> {
+    /// The case, with its time integrator and inflow.
+    pub case: &'a Case,
     /// Bound on `max |A_ii|`.
     pub rate: f64,
     /// Length of the leg.
@@ -32,15 +32,15 @@ pub(crate) struct Integration {
 pub(crate) fn integrate(
     classical: &mut Classical<'_>,
     exchange: &mut GhostExchange,
-    span: Integration,
+    span: Integration<'_>,
     state: &mut [f64],
 ) {
     let time = span.time;
     let whole = ClassicalSpan { rate: span.rate, time };
-    match span.integrator {
+    match span.case.integrator {
         Integrator::Exponential if classical.varies() => {
-            let panels = duhamel_panels(whole.courant());
-            classical.duhamel(exchange, state, whole, panels);
+            let panels = duhamel_panels(span.case, span.rate);
+            classical.duhamel(exchange, state, whole, &panels);
         }
         Integrator::Exponential => classical.exponential(exchange, state, whole, EXACT),
         integrator => classical.steps(exchange, state, integrator, time, span.steps),
@@ -67,12 +67,7 @@ pub(crate) fn integrate_fields(
         let mut state = start.clone();
         let mut before = Vec::new();
         for (leg, &steps) in Leg::all(case).iter().zip(&steps) {
-            let span = Integration {
-                integrator: case.integrator,
-                rate: plan.bounds.rate,
-                time: leg.time,
-                steps,
-            };
+            let span = Integration { case, rate: plan.bounds.rate, time: leg.time, steps };
             integrate(&mut classical, &mut system.exchange, span, &mut state);
             let mine = state[rank_cells.mine.clone()].to_vec();
             before.push(if leg.moments_only {

@@ -185,14 +185,13 @@ pub(crate) fn verify(
     summary: &mut Summary,
 ) {
     let reference = Case { integrator: Integrator::Exponential, ..prepared.case.clone() };
-    let terms = classical_steps(&reference, &prepared.bounds);
     for (k, readings) in solution.fields.iter().enumerate() {
         // No leg ends at the start, which may be among the output times.
         let early = solution.early.iter().filter(|early| early.time > prepared.case.begin);
         let early = early.map(|early| early.fields.get(k));
         let ends: Vec<Option<&Vec<f64>>> = early.chain([Some(&readings[0])]).collect();
         let mut worst: Option<f64> = None;
-        let exact = exact_semidiscrete(prepared, k, &terms, prints);
+        let exact = exact_semidiscrete(prepared, &reference, k, prints);
         for (field, exact) in ends.into_iter().zip(exact) {
             let Some(field) = field else { continue };
             let error = FieldNorms::new(prepared, field).distance(&exact);
@@ -206,22 +205,23 @@ pub(crate) fn verify(
     }
 }
 
-/// Field `k` at the end of each leg by the classical exponential, on this rank's share. Collective.
+/// Field `k` at the end of each leg of `case` by the classical exponential, on this rank's share.
+/// Collective.
 fn exact_semidiscrete(
     prepared: &mut Prepared,
+    case: &Case,
     k: usize,
-    terms: &[usize],
     prints: bool,
 ) -> Vec<Vec<f64>> {
-    let Prepared { case, bounds, rank_cells, system, .. } = prepared;
+    let terms = classical_steps(case, &prepared.bounds);
+    let Prepared { bounds, rank_cells, system, .. } = prepared;
     let mut state = system.states[k].clone();
     let progress = Progress::new(prints, "verify", terms.iter().sum());
     let mut classical =
         Classical::of(case, &system.matrix, &system.weights.pi).with_progress(progress);
     let mut ends = Vec::new();
-    for (time, &steps) in case.legs().into_iter().zip(terms) {
-        let span =
-            Integration { integrator: Integrator::Exponential, rate: bounds.rate, time, steps };
+    for (time, steps) in case.legs().into_iter().zip(terms) {
+        let span = Integration { case, rate: bounds.rate, time, steps };
         integrate(&mut classical, &mut system.exchange, span, &mut state);
         ends.push(system.unweighted(&rank_cells.mine, state[rank_cells.mine.clone()].to_vec()));
     }

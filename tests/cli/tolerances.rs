@@ -442,3 +442,55 @@ fn tolerances_are_met_on_5_to_7_ranks() {
         meets_its_tolerance(&summary)
     });
 }
+
+/// A beam that enters an empty box.
+const BEAM: &str = r#"
+title = "A beam that is switched"
+[[axis]]
+x = { lower = 0, upper = 1, cells = 31 }
+v = { lower = 0, upper = 2, cells = 19 }
+[[potential]]
+value = "0"
+[initial]
+f = "0"
+[inflow]
+value = "exp(-((v-1)/0.3)^2)"
+[time]
+end = 0.31
+[solver]
+tolerance = 1e-4
+"#;
+
+/// The classical exponential, which measures the error for `solver.verify`, is exact for an inflow
+/// that changes fast, or jumps, in time.
+#[test]
+fn fast_and_jumping_inflow_is_integrated() {
+    let place = directory();
+    let file = written(place.path(), BEAM).unwrap();
+    let beam = |settings: &[&str]| Job::new(["run", &file, "--force"]).set(settings);
+    // 160 periods: five on each of the panels to begin with. The modes have steps of their own.
+    let wave = "inflow.value=exp(-((v-1)/0.3)^2)*(1 + cos(2*pi*512*t))";
+    let summary = beam(&[wave, "solver.verify=true"]).on(2).solve(&place.path().join("wave"));
+    let summary = summary.unwrap();
+    meets_its_tolerance(&summary).unwrap();
+    let [measured, estimated] =
+        ["error_semidiscrete", "error_estimate"].map(|key| summary.number(key).unwrap());
+    assert!((0.5..2.0).contains(&(estimated / measured)), "{estimated:e}, {measured:e}");
+
+    const CLASSICAL: &str = "solver.method=classical";
+    let [first, second, whole] = ["first", "second", "whole"].map(|name| place.path().join(name));
+    beam(&[CLASSICAL]).solve(&first).unwrap();
+    let path = first.display().to_string();
+    let continued = Job::new(["run", "--continue", &path, "--until", "0.5"]);
+    continued.set(&["inflow.value=0"]).solve(&second).unwrap();
+    let jump = "inflow.value=exp(-((v-1)/0.3)^2) if t < 0.31 else 0";
+    beam(&[CLASSICAL, jump, "time.end=0.5"]).on(2).solve(&whole).unwrap();
+    let [second, whole] = [second, whole].map(|path| field(&path).unwrap());
+    let error = distance(&second, &whole);
+    assert!(error < 1e-12, "{error:e}");
+
+    let noise = "inflow.value=1 + cos(1e9*t)";
+    let refused = "inflow.value varies too fast in time for";
+    beam(&[noise, CLASSICAL]).is_refused(&[refused, "ssp-rk3"]).unwrap();
+    beam(&[noise, "solver.verify=true"]).is_refused(&[refused, "solver.verify"]).unwrap();
+}

@@ -142,7 +142,7 @@ pub fn varying_inflow_directly(world: &World) {
             let rate = prepared.bounds.rate;
             let found = solve(&mut prepared, &direct, |classical, exchange, state| {
                 let span = ClassicalSpan { rate, time };
-                classical.duhamel(exchange, state, span, duhamel_panels(span.courant()));
+                classical.duhamel(exchange, state, span, &duhamel_panels(&direct, rate));
             });
             let error = distance(&found, &scene.expected);
             assert!(error <= 1e-12, "{name}: Duhamel {error:e}");

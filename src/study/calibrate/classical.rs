@@ -28,8 +28,7 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
                 Classical::of(case, &system.matrix, &system.weights.pi).with_slopes(slopes);
             let mut state = start.clone();
             for (&time, &steps) in legs.iter().zip(&steps) {
-                let (integrator, rate) = (case.integrator, plan.bounds.rate);
-                let span = Integration { integrator, rate, time, steps };
+                let span = Integration { case: &shortened, rate: plan.bounds.rate, time, steps };
                 integrate(&mut classical, &mut system.exchange, span, &mut state);
             }
         }
