@@ -10,7 +10,7 @@ use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
-use crate::problem::grid::{Axis, MAX_DIMENSION};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::results::summary::{ErrorNorms, GridErrors};
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
@@ -75,6 +75,22 @@ pub fn by_elements(
     Ok(sums.finish(world))
 }
 
+/// Points of the rules along all axes of the elements of `space`, with this many `more` than nodes.
+fn points(space: &PhaseSpace, more: usize) -> f64 {
+    space.axes().map(|a| (a.elements() * (a.nodes.count() + more)) as f64).product()
+}
+
+/// Additional points of an element of `space` along each axis.
+fn more_points(space: &PhaseSpace) -> usize {
+    let fits = |&&(more, most): &&(usize, f64)| points(space, more) <= most;
+    MORE_POINTS.iter().find(fits).map_or(0, |m| m.0)
+}
+
+/// Number of points at which the errors on the elements of `space` are integrated.
+pub fn quadrature_points(space: &PhaseSpace) -> f64 {
+    points(space, more_points(space))
+}
+
 /// Quadrature rules of an element, and sums over elements.
 struct ElementSums<'a> {
     case: &'a Case,
@@ -108,11 +124,7 @@ impl<'a> ElementSums<'a> {
     /// Empty sums. Collective: the largest exact density is needed.
     fn new(world: &Group, case: &'a Case, values_of: &'a ExactValues<'a>) -> Self {
         let space = &case.space;
-        let total = |more: usize| -> f64 {
-            space.axes().map(|a| (a.elements() * (a.nodes.count() + more)) as f64).product()
-        };
-        let fits = |&&(more, most): &&(usize, f64)| total(more) <= most;
-        let more = MORE_POINTS.iter().find(fits).map_or(0, |m| m.0);
+        let more = more_points(space);
         let rules: Vec<Vec<QuadraturePoint>> =
             space.axes().map(|a| gauss_legendre(a.nodes.count() + more)).collect();
         let points: Vec<Vec<f64>> =

@@ -65,6 +65,7 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
 }
 
 /// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same for the integrals over the velocities.
+/// `T` is `time.end`, as a continued run inherits the grid's error of its first part.
 /// Next to an end of the box or a jump of `V`, `D f` is unknown and assumed to be as large as
 /// elsewhere. NaN if nearly all of `f` lies there. Collective.
 ///

@@ -16,7 +16,7 @@ const MOST_BUDGETS: f64 = 4.0;
 /// Part of the budget for the grid searches of all schemes.
 const FOR_GRIDS: f64 = 0.7;
 /// Largest part of the budget that a trial of the case on its own grid may take.
-const FOR_CASE: f64 = 0.1;
+const FOR_CASE: f64 = 0.3;
 
 /// The result of the search for the grid of a scheme.
 enum SearchResult {

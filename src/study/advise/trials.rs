@@ -4,7 +4,9 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{AllowedReductions, Case, Exact, Limiter};
-use crate::problem::grid::{Axis, AxisPart, averaged};
+use crate::problem::exact::{MostCells, Tracer, traced_cells};
+use crate::problem::grid::{Axis, AxisPart, MAX_DIMENSION, averaged};
+use crate::run::errors::quadrature_points;
 use crate::run::exact::velocities::first_points;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::scheme::SchemeChoice;
@@ -13,21 +15,25 @@ use crate::study::cost::{CostModel, TrialSeconds, planned_updates, planned_work}
 use crate::study::density::{density_of, distance, exact_density, spread};
 use crate::study::grids::{Grids, of_degree};
 use crate::study::trial::trial;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::BTreeMap;
 
 /// Updates that an application to an unknown of one mode counts as: eight modes pass through memory
 /// together.
 pub const UPDATES_PER_MODE: f64 = 0.25;
-/// Quadrature points of exact values along an axis of an element, in addition to its nodes.
-const MORE_POINTS: usize = 4;
 /// Updates a cell that all work of a run but its steps counts as, such as assembling `A`.
 const UPDATES_TO_PREPARE: f64 = 80.0;
 /// Updates a cell that the search for velocities that nothing reaches counts as.
 const UPDATES_TO_REDUCE: f64 = 8.0;
 /// Part of the budget that this search may take.
 const FOR_REDUCTION: f64 = 0.25;
-/// Updates that an exact value counts as: a particle is traced back over slopes and jumps of `V`.
-const UPDATES_PER_EXACT_VALUE: f64 = 200.0;
+/// Updates that an exact value counts as: its formula, and each linear part of a path on which a
+/// particle is traced back.
+const UPDATES_PER_FORMULA: f64 = 4.0;
+const UPDATES_PER_SEGMENT: f64 = 4.0;
+/// Particles that are traced to count the parts of their paths.
+const TRACED: usize = 200;
 
 /// The result of a trial.
 #[derive(Clone)]
@@ -49,6 +55,48 @@ pub struct DegreeCase {
     pub base: Case,
     /// Grids over its box.
     pub grids: Grids,
+    /// Updates that an exact value counts as; zero without an exact solution.
+    updates_per_exact_value: f64,
+}
+
+impl DegreeCase {
+    /// The case `base` with elements of one degree, whose runs merge the axes marked in `merged`.
+    ///
+    /// # Errors
+    /// As [`updates_per_exact_value`].
+    fn new(base: Case, merged: &[bool], exact: Option<&Exact>) -> Result<Self> {
+        let grids = Grids::new(&base).with_merged(merged.to_vec());
+        let updates = exact.map_or(Ok(0.0), |exact| updates_per_exact_value(&base, exact))?;
+        Ok(Self { base, grids, updates_per_exact_value: updates })
+    }
+}
+
+/// Updates that a value of the `exact` solution of `case` counts as.
+///
+/// # Errors
+/// As [`Tracer::with_cells`].
+fn updates_per_exact_value(case: &Case, exact: &Exact) -> Result<f64> {
+    if matches!(exact, Exact::Formula(_)) {
+        return Ok(UPDATES_PER_FORMULA);
+    }
+    let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
+    let mut random = ChaCha8Rng::seed_from_u64(1);
+    let n = case.space.dimension();
+    let mut segments = 0;
+    for _ in 0..TRACED {
+        let mut point = [0.0; 2 * MAX_DIMENSION];
+        for (k, axis) in case.space.axes().enumerate() {
+            let part = f64::from(random.next_u32()) / 2f64.powi(32);
+            let at = if k < n { k } else { MAX_DIMENSION + k - n };
+            point[at] = axis.lower + part * (axis.upper - axis.lower);
+        }
+        segments += tracer.follow(&point, case.end).segments;
+    }
+    // Where V is curved, a segment is a cell of the tracer.
+    let cells = |most: MostCells| traced_cells(case, most) as f64;
+    let finer = (cells(MostCells::EXACT) / cells(MostCells::ESTIMATES)).powf(1.0 / n as f64);
+    let segments = finer * segments as f64 / TRACED as f64;
+    Ok(UPDATES_PER_FORMULA + UPDATES_PER_SEGMENT * segments)
 }
 
 /// All trials of a case.
@@ -72,7 +120,7 @@ impl<'a> Trials<'a> {
     /// No trials yet. `base` is the base case. Collective.
     ///
     /// # Errors
-    /// As [`reduced`].
+    /// As [`reduced`] and [`DegreeCase::new`].
     pub fn new(
         world: &'a World,
         base: Case,
@@ -91,10 +139,10 @@ impl<'a> Trials<'a> {
         let is_merged = |axis: &Axis| matches!(axis.part, AxisPart::Merged { .. });
         let merged: Vec<bool> = needed.space.axes().map(is_merged).collect();
         let own_degree = base.space.degree();
-        let grids = Grids::new(&base).with_merged(merged.clone());
+        let own = DegreeCase::new(base, &merged, exact.as_ref())?;
         Ok(Self {
             world,
-            degree_cases: BTreeMap::from([(own_degree, DegreeCase { base, grids })]),
+            degree_cases: BTreeMap::from([(own_degree, own)]),
             own_degree,
             exact,
             merged,
@@ -108,12 +156,12 @@ impl<'a> Trials<'a> {
     /// Prepares elements of `degree`.
     ///
     /// # Errors
-    /// As [`of_degree`].
+    /// As [`of_degree`] and [`DegreeCase::new`].
     pub fn prepare(&mut self, degree: usize) -> Result<()> {
         if !self.degree_cases.contains_key(&degree) {
             let base = of_degree(self.base(), degree, &self.merged)?;
-            let grids = Grids::new(&base).with_merged(self.merged.clone());
-            self.degree_cases.insert(degree, DegreeCase { base, grids });
+            let of_degree = DegreeCase::new(base, &self.merged, self.exact.as_ref())?;
+            self.degree_cases.insert(degree, of_degree);
         }
         Ok(())
     }
@@ -179,12 +227,13 @@ impl<'a> Trials<'a> {
         if known || self.exact.is_none() {
             return 0.0;
         }
-        if scheme.degree == 0 {
-            let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
-            return UPDATES_PER_EXACT_VALUE * first_points(&case);
-        }
-        let points = (scheme.degree + 1 + MORE_POINTS) as f64;
-        UPDATES_PER_EXACT_VALUE * cells(shape) * points.powi(shape.len() as i32)
+        let of_degree = self.degree_case(scheme);
+        let case = self.merged(&scheme.schrodingerized(&of_degree.base, shape));
+        let points = match scheme.degree {
+            0 => first_points(&case),
+            _ => cells(&case.space.shape()) + quadrature_points(&case.space),
+        };
+        of_degree.updates_per_exact_value * points
     }
 
     /// Whether a run of `scheme` on `shape` counts as no more than this part of the budget.
