@@ -84,12 +84,12 @@ struct RunRequest {
 /// The run that `args` ask for. Collective.
 fn run_request(world: &World, args: &RunArgs) -> Result<RunRequest> {
     let given = args.output.clone();
-    if let (Some(from), Some(until)) = (&args.continued, args.until) {
+    if let (Some(from), Some(until)) = (&args.continued, &args.until) {
         let case = load_continued(world, from, until, &args.changes)?;
-        let directory = given.unwrap_or_else(|| default_directory_until(from, until));
+        let directory = given.unwrap_or_else(|| default_directory_until(from, case.end));
         return Ok(RunRequest { case, directory });
     }
-    if let Some(until) = args.until {
+    if let Some(until) = &args.until {
         let what = "is the final time of --continue DIR; for a case file use --set time.end";
         return Err(Error::Input(format!("--until {until}: {what}")));
     }
@@ -117,12 +117,11 @@ fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> R
 }
 
 /// A line that says whether the density meets the case's accuracy. `None` if the case has none, or
-/// if the accuracy is missed, which `Summary::missed` reports at the end.
+/// if the accuracy is missed or not shown, which `Summary::missed` reports at the end.
 fn goal_line(goal: Option<f64>, summary: &Summary) -> Option<String> {
-    let goal = goal?;
+    let goal = goal.filter(|_| summary.missed.accuracy.is_none())?;
     let found = match (summary.accuracy.goal_error, summary.accuracy.goal_estimate) {
-        (Some(error), _) if error <= goal => format!("reached, {error:.1e}"),
-        (Some(_), _) => return None,
+        (Some(error), _) => format!("reached, {error:.1e}"),
         (None, Some(estimate)) => {
             format!("{estimate:.1e} by the trial runs; not measured, as there is no [exact]")
         }

@@ -7,9 +7,10 @@ use crate::base::log::report;
 use crate::base::text::{
     ALGORITHM_ERROR, GRID_ERROR, one_digit, percent, quoted, rounded_down, short,
 };
-use crate::problem::case::{Case, Data, Interface, Limiter, Method};
+use crate::problem::case::{Case, Data, Exact, Interface, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::problem::grid::PhaseSpace;
+use crate::problem::potential::oblique::oblique_edges;
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
 use crate::results::ledger::Ledger;
@@ -107,12 +108,20 @@ pub struct Accuracy {
     /// algorithm's error and the tolerance. If `goal_error` is known, or else `goal_estimate`:
     /// whether `solver.accuracy` is missed.
     pub under_resolved: bool,
+    /// Whether the errors do not count what an edge of `V` that is not along the axes adds: the
+    /// exact solution by characteristics meets the same staircase of faces as the scheme does, and
+    /// an estimate knows no other edge.
+    #[serde(default)]
+    pub staircase: bool,
     /// A remedy, as the end of a sentence, if the run is under-resolved, or if the density meets
-    /// `solver.accuracy` but `f` is far from exact.
+    /// `solver.accuracy` but `f` is far from exact. With a staircase, a sentence about it.
     #[serde(default)]
     pub advice: Option<String>,
 }
 
+/// What the errors leave out if an edge of `V` is not along the axes.
+pub const STAIRCASE: &str = "an edge of V is not along the axes: the error of the staircase of \
+                             faces in its place is not included, and more cells do not lower it";
 /// A larger relative error of the grid is large, whatever the algorithm's error.
 const LARGE_GRID_ERROR: f64 = 0.1;
 /// Largest error of the exact density, relative to the run's error, without a warning.
@@ -154,7 +163,11 @@ impl Accuracy {
     /// A sentence that compares the two errors; `None` if the grid's error is unknown.
     pub fn line(&self) -> Option<String> {
         let errors = self.errors_of_grid()?;
-        let head = if self.under_resolved { "UNDER-RESOLVED" } else { "accuracy" };
+        let head = match (self.staircase, self.under_resolved) {
+            (true, _) => "STAIRCASE",
+            (false, true) => "UNDER-RESOLVED",
+            (false, false) => "accuracy",
+        };
         let advice = self.advice_after();
         let how = if self.grid_measured { "measured" } else { "estimated" };
         let of_algorithm = match (self.algorithm, self.asked) {
@@ -274,9 +287,15 @@ impl MissedGoals {
                 format!("tolerance {:e} MISSED: {error:.2e} ({how}, relative l2)", case.tolerance)
             });
         let density = summary.accuracy.goal_error.zip(case.accuracy);
-        let accuracy = density.filter(|(error, goal)| error > goal).map(|(error, goal)| {
+        let missed = density.filter(|(error, goal)| error > goal).map(|(error, goal)| {
             format!("accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1)")
         });
+        let unknown = case.accuracy.filter(|_| summary.accuracy.staircase).map(|goal| {
+            format!(
+                "accuracy {goal:e} of the density NOT SHOWN: an edge of V is not along the axes"
+            )
+        });
+        let accuracy = missed.or(unknown);
         Self { tolerance, accuracy }
     }
 
@@ -541,6 +560,8 @@ impl Summary {
             goal_error: self.accuracy.goal_error,
             goal_estimate: case.expected_error,
             algorithm,
+            staircase: !matches!(case.exact, Some(Exact::Formula(_)))
+                && !oblique_edges(case).is_empty(),
             ..Accuracy::default()
         };
         self.accuracy = accuracy.with_grid(measured, estimated);
@@ -550,7 +571,9 @@ impl Summary {
         if let Some((error, goal)) = of_density.zip(accuracy.goal) {
             accuracy.under_resolved = error > goal;
         }
-        if accuracy.under_resolved {
+        if accuracy.staircase {
+            accuracy.advice = Some(STAIRCASE.to_owned());
+        } else if accuracy.under_resolved {
             accuracy.advice = Some(accuracy.advice(case));
         } else if of_density.is_some()
             && accuracy.grid.is_some_and(|error| error > LARGE_GRID_ERROR)
@@ -591,8 +614,8 @@ impl Summary {
         (own > LARGEST_EXACT_ERROR * error).then(|| {
             format!(
                 "the exact density is known to {own:.0e} only (relative L1, estimated), and the \
-                 density's error of {error:.1e} is measured against it: particles that passed \
-                 jumps of V leave filaments that take too many velocities to integrate"
+                 density's error of {error:.1e} is measured against it: the exact f varies too fast \
+                 along the velocities to be integrated, as after jumps of V, which leave filaments"
             )
         })
     }

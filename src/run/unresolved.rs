@@ -6,21 +6,18 @@ use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::Potential;
-use crate::problem::potential::oblique::{ObliqueEdge, oblique_edges};
+use crate::problem::potential::oblique::ObliqueEdge;
 use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
 const BEYOND: f64 = 0.1;
 
-/// Warnings of values of `V` between the points of the scheme, of edges that are not along the
-/// axes, of settings without effect, and of tables that end early.
+/// Warnings of values of `V` between the points of the scheme, of settings without effect, and of
+/// tables that end early.
 pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas =
         largest_mismatches(case).into_iter().map(|found| between_points(case, &found));
-    let of_edges = oblique_edges(case).into_iter().map(|found| oblique_edge(&case.space, &found));
-    // Edges first: no grid resolves them, and they are the reason of other warnings.
-    of_edges
-        .chain(of_formulas)
+    of_formulas
         .chain(idle_degree(case))
         .chain(idle_reflections(case))
         .chain(short_tables(case))
@@ -65,7 +62,11 @@ fn at_point(space: &PhaseSpace, point: &[f64; 6]) -> String {
     axes.map(text).collect::<Vec<_>>().join(", ")
 }
 
-fn oblique_edge(space: &PhaseSpace, ObliqueEdge { region, point }: &ObliqueEdge) -> String {
+/// The warning of an edge that is not along the axes.
+pub(super) fn oblique_edge(
+    space: &PhaseSpace,
+    ObliqueEdge { region, point }: &ObliqueEdge,
+) -> String {
     format!(
         "potential.{region}: its edge at {} is not along the axes; the grid replaces it by a \
          staircase of faces, which reflect and refract particles along the axes only. More cells \

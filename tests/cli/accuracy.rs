@@ -3,7 +3,7 @@
 
 use crate::support::{
     Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets, differences,
-    directory, json_of, near, on_results, run, text_of,
+    directory, json_of, near, on_results, run, text_of, written,
 };
 use phasewarp::base::text::{one_digit, short};
 use serde_json::Value;
@@ -512,4 +512,63 @@ fn a_missed_tolerance_is_reported_in_the_last_line() {
         let met = job(&[verify, strict]);
         assert!(met.code == Some(0) && !met.output.contains("MISSED"), "{}", met.report("met"));
     }
+}
+
+/// A cloud at an oblique mirror.
+const MIRROR: &str = r#"
+title = "A mirror at 45 degrees"
+[[axis]]
+x = { lower = -1, upper = 1, cells = 6 }
+v = { lower = -1.2, upper = 1.2, cells = 4 }
+[[axis]]
+x = { lower = -1, upper = 1, cells = 6 }
+v = { lower = -1.2, upper = 1.2, cells = 4 }
+[[potential]]
+where = "x + y > 0.2"
+value = "2"
+[[potential]]
+value = "0"
+[initial]
+f = "exp(-((x+0.4)^2 + y^2)/0.08 - ((vx-0.7)^2 + vy^2)/0.1)"
+[time]
+end = 0.3
+[scheme]
+degree = 1
+[solver]
+tolerance = 1e-3
+[exact]
+kind = "characteristics"
+"#;
+
+/// At an edge that is not along the axes, the exact solution by characteristics follows the same
+/// staircase as the scheme. So no accuracy is shown by it, but by a formula.
+#[test]
+fn nothing_is_shown_by_a_staircase() {
+    let place = directory();
+    let file = written(place.path(), MIRROR).unwrap();
+    let results = place.path().join("results");
+    let on =
+        |settings: &[&str]| Job::new(["run", &file, "--force"]).set(settings).into(&results).on(2);
+    let sentence = "an edge of V is not along the axes";
+    for exact in [&[][..], &["exact={}"]] {
+        let finished = on(exact).succeed().unwrap();
+        finished.contains(&finished.output, &["STAIRCASE: error of the grid", sentence]).unwrap();
+        assert!(!finished.output.contains("UNDER-RESOLVED"), "{}", finished.output);
+        let summary = Summary::read(finished, &results).unwrap();
+        assert_eq!(summary.value["accuracy"]["staircase"], true);
+    }
+    on_results("report", &results).succeed().unwrap();
+    assert!(text_of(results.join("report.html")).unwrap().contains(sentence));
+    let formula = on(&["exact={f=\"0*x\"}"]).solve(&results).unwrap();
+    assert_eq!(formula.value["accuracy"]["staircase"], false);
+
+    let goal = ["--accuracy", "5e-1", "--budget", "3s"];
+    let finished = on(&[]).with(goal).succeed().unwrap();
+    let expected = "accuracy 5e-1 of the density NOT SHOWN: an edge of V is not along the axes";
+    finished.contains(&finished.output, &[expected]).unwrap();
+    assert!(!finished.output.contains("reached"), "{}", finished.output);
+    let strict = on(&["solver.strict=true"]).with(goal).run().unwrap();
+    strict.ended(1, &["NOT SHOWN"]).unwrap();
+    let advised = Job::new(["advise", &file]).with(goal).succeed().unwrap();
+    advised.contains(&advised.output, &[sentence]).unwrap();
 }

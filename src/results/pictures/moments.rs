@@ -111,7 +111,7 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
     let what = match (exact, run.has("phi")) {
         (false, _) => "",
         (true, true) => " Exact values are averages over the cells.",
-        (true, false) => " Exact values are sums over the cells of the exact field.",
+        (true, false) => " Exact values are those of the exact field, computed like the others.",
     };
     Ok(Figure::new(format!("Moments at t = {}", short(run.time)), panels)
         .columns(3)

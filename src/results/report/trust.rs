@@ -173,6 +173,7 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&MissedGoals>) -> Finding {
             }
         }
         (None, None) if accuracy.is_coarse() => Mark::Bad,
+        (None, None) if accuracy.staircase => Mark::Unknown,
         (None, None) => Mark::Good,
     };
     if mark == Mark::Good && accuracy.under_resolved {
