@@ -196,9 +196,10 @@ pub struct RunArgs {
         conflicts_with_all = ["case", "accuracy", "budget"]
     )]
     pub continued: Option<PathBuf>,
-    /// Final time of a run with --continue; like all times, it counts from 0
+    /// Final time of a run with --continue, a number or a formula of constants like "2*pi"; like
+    /// all times, it counts from 0
     #[arg(long, value_name = "TIME", allow_negative_numbers = true)]
-    pub until: Option<f64>,
+    pub until: Option<String>,
     /// The accuracy to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,

@@ -4,6 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
+use crate::problem::case::reader::number_of;
 use crate::problem::case::{self, Case};
 use crate::results::dataset::RESULT;
 use crate::results::table_file::{checksum_name, file_name, with_tables};
@@ -64,6 +65,7 @@ const KEYS_OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.en
 const KEYS_OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
 
 /// The case of the results in `directory`, from their time until `until`, changed by `changes`.
+/// `until` is a number or a formula of the constants of the case.
 /// Every dataset there is compared with its checksum. Collective.
 ///
 /// # Errors
@@ -72,7 +74,7 @@ const KEYS_OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
 pub fn load_continued(
     world: &World,
     directory: &Path,
-    until: f64,
+    until: &str,
     changes: &Changes,
 ) -> Result<Case> {
     let group = world.group();
@@ -98,7 +100,7 @@ pub fn load_continued(
 }
 
 /// The result in `directory` that a run continues from. Not collective.
-fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Continuation> {
+fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Continuation> {
     let wrong = |what: &dyn std::fmt::Display| {
         Error::Input(format!("--continue {}: {what}", directory.display()))
     };
@@ -109,9 +111,10 @@ fn continuation(directory: &Path, until: f64, changes: &Changes) -> Result<Conti
     stored.summary.as_ref().map_err(|e| wrong(e))?;
     let case = stored.case.as_ref().map_err(|e| wrong(e))?;
     let time = stored.time;
+    let refused = |what: String| wrong(&format!("--until {until}: {what}"));
+    let until = number_of(until, &case.constants).map_err(&refused)?;
     if !(until > time && until.is_finite()) {
-        let what = format!("--until {until}: its results are at t = {time}; a later time expected");
-        return Err(wrong(&what));
+        return Err(refused(format!("its results are at t = {time}; a later time expected")));
     }
     let own = overrides(changes);
     let keys: Vec<&str> = own.iter().map(|set| key_of(set)).collect();

@@ -327,15 +327,19 @@ fn what_cannot_go_on_is_refused() {
 }
 
 /// Other commands accept a field to start from. Without -o, the directory of the results has the
-/// name of the first one and the end time.
+/// name of the first one and the end time, which may be a formula of the case's constants.
 #[test]
 fn other_commands_take_a_field() {
     let first = directory();
     let path = first.path();
     let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.tolerance=1e-2"];
     let part = path.join("part");
-    run("example1.toml").set(&small).set(&["time.end=0.2"]).solve(&part).unwrap();
-    Job::new(["run", "--continue", "part/", "--until", "0.25"]).inside(path).succeed().unwrap();
+    let settings = ["time.end=0.2", "constants.half=0.5"];
+    run("example1.toml").set(&small).set(&settings).solve(&part).unwrap();
+    let until = |time: &str| Job::new(["run", "--continue", "part/", "--until", time]).inside(path);
+    until("half/2").succeed().unwrap();
+    until("half/5").is_refused(&["--until half/5", "at t = 0.2", "a later time"]).unwrap();
+    until("halve").is_refused(&["--until halve", "unknown name \"halve\""]).unwrap();
     assert!(path.join("part-until-0.25/summary.json").exists());
     let file = format!("initial.field={}", part.join("result.h5").display());
     let out = path.join("out").display().to_string();
