@@ -1,6 +1,5 @@
 //! The result from which a run continues (`initial.field`), checked before anything is computed.
 
-use crate::base::disk::read_text as read_file;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::files::CHECKSUM;
@@ -8,10 +7,10 @@ use crate::problem::case::{Case, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
 use crate::results::readback::{read_text, text_attribute};
+use crate::results::summary;
 use crate::results::untrusted::{self, Inspection};
 use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
-use serde_json::Value;
 use std::path::Path;
 
 /// Largest relative difference of a number in the file from that of the case.
@@ -70,10 +69,9 @@ fn stored_case(file: &File) -> Option<Case> {
 }
 
 /// Relative l2 distance of the `f` in a directory to the semi-discrete solution since time 0;
-/// `None` if its summary does not give one.
+/// `None` if its summary does not give one, or is not as it was written.
 fn error_of(directory: &Path) -> Option<f64> {
-    let text = read_file(&directory.join("summary.json")).ok()?;
-    let summary: Value = serde_json::from_str(&text).ok()?;
+    let summary = summary::read(directory).ok()?;
     if summary["continued"].is_object() {
         return summary["continued"]["error_total"].as_f64();
     }
@@ -136,5 +134,25 @@ fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> FileRe
             Err(format!("/axis/{name} holds {found} where the case has {expected}"))
         }
         None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::results::summary::Summary;
+
+    #[test]
+    fn the_error_of_a_changed_summary_is_not_taken() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let written = Summary { error_semidiscrete: Some(0.25), ..Summary::default() };
+        written.write(directory.path()).expect("a summary");
+        assert_eq!(error_of(directory.path()), Some(0.25));
+        let path = directory.path().join(summary::NAME);
+        let text = std::fs::read_to_string(&path).expect("a text");
+        let changed = text.replacen("0.25", "0.125", 1);
+        assert_ne!(changed, text);
+        std::fs::write(&path, changed).expect("written");
+        assert_eq!(error_of(directory.path()), None);
     }
 }
