@@ -47,7 +47,7 @@ pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) 
 ///
 /// # Errors
 /// As [`accuracy::chosen`]; [`Error::Input`] if `--set` gives a key that an accuracy chooses.
-fn with_accuracy(
+pub fn with_accuracy(
     world: &World,
     case: Case,
     changes: &Changes,

@@ -1,9 +1,10 @@
 //! `phasewarp plan`: memory, work and process meshes of a run.
 
 use crate::base::error::Result;
-use crate::command::accuracy::load_for_accuracy;
+use crate::command::accuracy::with_accuracy;
 use crate::command::cli::PlanArgs;
 use crate::command::describe::errors;
+use crate::command::loading::load;
 use crate::command::printing::{print, print_as, print_json};
 use crate::command::sbatch::{self, JobResources};
 use crate::command::values::RankNumbers;
@@ -32,10 +33,11 @@ struct PlanJson<'a> {
 /// Collective.
 ///
 /// # Errors
-/// As [`planning::plan`], [`calibrate`], `load_for_accuracy` and [`sbatch::write`].
+/// As [`planning::plan`], [`calibrate`], `load`, `with_accuracy` and [`sbatch::write`].
 pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
-    sbatch::refuse(world, args)?;
-    let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
+    let case = load(world, &args.case)?;
+    sbatch::refuse(world, args, &case)?;
+    let case = with_accuracy(world, case, &args.case.changes, &args.accuracy)?;
     let case = planning::reduced_with_start(&world.group(), &case)?;
     if refuse_long_transport(&case).is_ok() {
         announce_slow_steps(world, &case);

@@ -8,7 +8,7 @@ use crate::base::log::report;
 use crate::base::text::{joined, quoted};
 use crate::base::version::VERSION;
 use crate::command::cli::PlanArgs;
-use crate::command::loading::{default_directory, load};
+use crate::command::loading::default_directory;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use std::fmt;
@@ -66,14 +66,14 @@ struct JobScript {
     words: Vec<String>,
 }
 
-/// Refuses, before anything is planned, a file that exists already, and a case that chooses its
+/// Refuses, before anything is planned, a file that exists already, and a `case` that chooses its
 /// grid anew in each run. Collective.
 ///
 /// # Errors
 /// [`Error::Input`].
-pub fn refuse(world: &World, args: &PlanArgs) -> Result<()> {
+pub fn refuse(world: &World, args: &PlanArgs, case: &Case) -> Result<()> {
     let Some(file) = &args.sbatch else { return Ok(()) };
-    if load(world, &args.case)?.accuracy.is_some() {
+    if case.accuracy.is_some() {
         let what = "a job with solver.accuracy cannot be resumed; leave the key out and give \
                     --accuracy, whose choice is written into the script as --set";
         return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
