@@ -42,10 +42,10 @@ use crate::quantum::synthesis::RotationSynthesis;
 use crate::study::choices::DEGREES;
 use crate::study::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;
-pub use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
-use crate::study::end_to_end::task::{
-    Candidate, DensityTask, OVER_CHARACTERISTICS, UNITS_OF_PRICE, UNITS_OF_TRIALS,
+pub use crate::study::end_to_end::methods::{
+    ClassicalMethod, ClassicalName, DegreeCost, EndToEnd, QuantumMethod, QuantumName,
 };
+use crate::study::end_to_end::task::{Candidate, DensityTask, UNITS_OF_PRICE, UNITS_OF_TRIALS};
 use crate::study::end_to_end::text::verdict;
 use crate::study::end_to_end::traced::{
     BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity, Values,
@@ -56,9 +56,6 @@ use crate::study::grids::of_degree;
 const UNITS: usize = 10 * (UNITS_OF_TRIALS + UNITS_OF_PRICE) + UNITS_OF_TRIALS;
 /// A density that is a smaller part of the mean one than this is refused.
 const LEAST_SHARE: f64 = 1e-3;
-/// Names of methods.
-const QUADRATURE: &str = "quadrature over characteristics";
-const MONTE_CARLO: &str = "Monte Carlo over characteristics";
 /// The reason why nothing is traced where `V` reflects in part.
 const BRANCHES: &str = "potential.reflection: characteristics branch at every jump of V; \
                         there are too many to follow all, and none is drawn at random";
@@ -91,8 +88,8 @@ impl EndToEnd {
         let upwind = candidates(&task, case, |case| Ok(dissipative_of(case)));
         let unitary = candidates(&task, case, unitary_of);
         let quantum = vec![
-            task.cheapest("Schrödingerization, dissipative", &upwind),
-            task.cheapest("one mode, unitary", &unitary),
+            task.cheapest(QuantumName::Dissipative, &upwind),
+            task.cheapest(QuantumName::Unitary, &unitary),
             by_characteristics(&task, &at_point, &traced)?,
         ];
         let baselines = classical_methods(&task, &at_point, &traced, &upwind);
@@ -143,7 +140,7 @@ fn by_characteristics(
 ) -> Result<QuantumMethod> {
     let case = at_point.case;
     if case.reflects() {
-        return Ok(QuantumMethod::unavailable(OVER_CHARACTERISTICS, BRANCHES));
+        return Ok(QuantumMethod::unavailable(QuantumName::OverCharacteristics, BRANCHES));
     }
     let segments = at_point.most_segments(traced.density, task.accuracy)?;
     Ok(task.over_characteristics(&case.space, traced, segments))
@@ -167,14 +164,14 @@ fn classical_methods(
             found.map_err(|error| case.reason(&error))
         }
     };
-    const LIMITED: &str = "time stepping, van Leer";
     baselines.push(match &steeper {
-        Ok(found) => stepping(LIMITED, found, &case.space, accuracy),
-        Err(why) => ClassicalMethod::unavailable(LIMITED, why),
+        Ok(found) => stepping(ClassicalName::VanLeer, found, &case.space, accuracy),
+        Err(why) => ClassicalMethod::unavailable(ClassicalName::VanLeer, why),
     });
     task.advance(UNITS_OF_TRIALS);
     baselines.extend(match case.reflects() {
-        true => [QUADRATURE, MONTE_CARLO].map(|name| ClassicalMethod::unavailable(name, BRANCHES)),
+        true => [ClassicalName::Quadrature, ClassicalName::MonteCarlo]
+            .map(|name| ClassicalMethod::unavailable(name, BRANCHES)),
         false => [
             by_quadrature(world, traced, accuracy),
             by_monte_carlo(world, &at_point.by_monte_carlo(accuracy), accuracy),
@@ -293,7 +290,7 @@ fn classical(case: &Case, integrator: Integrator, limiter: Limiter) -> Case {
 
 /// The exponential integrator by the degree that takes the fewest seconds.
 fn fastest_stepping(upwind: &[Candidate], title: &str, accuracy: f64) -> ClassicalMethod {
-    const NAME: &str = "time stepping, exponential";
+    const NAME: ClassicalName = ClassicalName::Exponential;
     let all = upwind.iter().map(|Candidate { degree, scheme }| match scheme {
         Ok((scheme, found)) => stepping(NAME, found, &scheme.space, accuracy),
         Err(why) => {
@@ -307,7 +304,7 @@ fn fastest_stepping(upwind: &[Candidate], title: &str, accuracy: f64) -> Classic
 
 /// A grid method on `space` with these errors.
 fn stepping(
-    name: &'static str,
+    name: ClassicalName,
     found: &MeasuredScheme,
     space: &PhaseSpace,
     accuracy: f64,
@@ -337,7 +334,12 @@ fn by_quadrature(world: &World, found: &TracedDensity, accuracy: f64) -> Classic
             found.error, found.traces
         )),
     };
-    ClassicalMethod { name: QUADRATURE, degree: None, size: Some(found.traces as f64), seconds }
+    ClassicalMethod {
+        name: ClassicalName::Quadrature,
+        degree: None,
+        size: Some(found.traces as f64),
+        seconds,
+    }
 }
 
 /// Monte Carlo, whose traces and seconds are extrapolated where it does not reach `accuracy`.
@@ -358,5 +360,5 @@ fn by_monte_carlo(world: &World, found: &TracedDensity, accuracy: f64) -> Classi
         let why = format!("f is 0 on all of {} traces", found.traces);
         (found.traces as f64, LabelledNumber::unavailable(&why))
     };
-    ClassicalMethod { name: MONTE_CARLO, degree: None, size: Some(size), seconds }
+    ClassicalMethod { name: ClassicalName::MonteCarlo, degree: None, size: Some(size), seconds }
 }

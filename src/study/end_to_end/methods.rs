@@ -20,11 +20,40 @@ pub struct DegreeCost {
     pub gates: LabelledNumber,
 }
 
+/// Names of methods on a quantum computer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(into = "&'static str")]
+pub enum QuantumName {
+    /// A scheme that dissipates, on a grid.
+    Dissipative,
+    /// A unitary scheme, on a grid.
+    Unitary,
+    /// Traces over characteristics, without a grid.
+    OverCharacteristics,
+}
+
+impl QuantumName {
+    /// The name in JSON and tables.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Dissipative => "Schrödingerization, dissipative",
+            Self::Unitary => "one mode, unitary",
+            Self::OverCharacteristics => "reversible characteristics",
+        }
+    }
+}
+
+impl From<QuantumName> for &'static str {
+    fn from(name: QuantumName) -> Self {
+        name.text()
+    }
+}
+
 /// A method on a quantum computer.
 #[derive(Clone, Debug, Serialize)]
 pub struct QuantumMethod {
     /// Name of the method.
-    pub name: &'static str,
+    pub name: QuantumName,
     /// The degree that takes the fewest gates; `None` without a grid.
     pub degree: Option<usize>,
     /// The cost of every degree.
@@ -71,7 +100,7 @@ pub struct QuantumMethod {
 
 impl QuantumMethod {
     /// A method without a grid and without numbers; `why` is the reason.
-    pub(super) fn unavailable(name: &'static str, why: &str) -> Self {
+    pub(super) fn unavailable(name: QuantumName, why: &str) -> Self {
         let none = || LabelledNumber::unavailable(why);
         Self {
             name,
@@ -98,11 +127,51 @@ impl QuantumMethod {
     }
 }
 
+/// Names of classical methods.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(into = "&'static str")]
+pub enum ClassicalName {
+    /// Time stepping by the exponential integrator.
+    Exponential,
+    /// Explicit time stepping with limited slopes.
+    VanLeer,
+    /// Quadrature over characteristics.
+    Quadrature,
+    /// Monte Carlo over characteristics.
+    MonteCarlo,
+}
+
+impl ClassicalName {
+    /// The name in JSON and tables.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Exponential => "time stepping, exponential",
+            Self::VanLeer => "time stepping, van Leer",
+            Self::Quadrature => "quadrature over characteristics",
+            Self::MonteCarlo => "Monte Carlo over characteristics",
+        }
+    }
+
+    /// What the size of the method counts.
+    pub(super) fn unit(self) -> &'static str {
+        match self {
+            Self::Exponential | Self::VanLeer => "cells",
+            Self::Quadrature | Self::MonteCarlo => "traces",
+        }
+    }
+}
+
+impl From<ClassicalName> for &'static str {
+    fn from(name: ClassicalName) -> Self {
+        name.text()
+    }
+}
+
 /// A classical method.
 #[derive(Clone, Debug, Serialize)]
 pub struct ClassicalMethod {
     /// Name of the method.
-    pub name: &'static str,
+    pub name: ClassicalName,
     /// The degree of the method's elements; `None` without a grid.
     pub degree: Option<usize>,
     /// Unknowns of the method's grid, or number of traces; `None` where it is not known.
@@ -113,7 +182,7 @@ pub struct ClassicalMethod {
 
 impl ClassicalMethod {
     /// A method that cannot be compared, for this reason.
-    pub(super) fn unavailable(name: &'static str, why: &str) -> Self {
+    pub(super) fn unavailable(name: ClassicalName, why: &str) -> Self {
         Self { name, degree: None, size: None, seconds: LabelledNumber::unavailable(why) }
     }
 

@@ -19,7 +19,7 @@ use crate::quantum::walk::{ROUNDING_PART, evolution_part};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::{RoughSolution, StateNorms};
 use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
-use crate::study::end_to_end::methods::{DegreeCost, QuantumMethod};
+use crate::study::end_to_end::methods::{DegreeCost, QuantumMethod, QuantumName};
 use crate::study::end_to_end::traced::{TracedDensity, velocity_volume};
 use crate::study::grids::on_grid;
 use crate::study::quantum_setups::ProbedCase;
@@ -30,8 +30,6 @@ const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
 /// Units of progress of the trials of a scheme, and of its price.
 pub(super) const UNITS_OF_TRIALS: usize = 1;
 pub(super) const UNITS_OF_PRICE: usize = 1;
-/// Name of the method.
-pub(super) const OVER_CHARACTERISTICS: &str = "reversible characteristics";
 /// The source of the tolerance of a state, in labels.
 const SPREAD: &str = "measured ratio of the relative errors of the density and of f";
 /// The source of the numbers of a grid method, in labels.
@@ -70,7 +68,7 @@ impl DensityTask<'_> {
     }
 
     /// The quantum method by the degree that takes the fewest gates. Collective.
-    pub fn cheapest(&self, name: &'static str, candidates: &[Candidate]) -> QuantumMethod {
+    pub fn cheapest(&self, name: QuantumName, candidates: &[Candidate]) -> QuantumMethod {
         let mut best = QuantumMethod::unavailable(name, "no degree has a grid");
         let mut degrees = Vec::new();
         for Candidate { degree, scheme } in candidates {
@@ -104,7 +102,7 @@ impl DensityTask<'_> {
     /// The quantum method by `scheme` on the grid that it needs. Collective.
     fn method_on_grid(
         &self,
-        name: &'static str,
+        name: QuantumName,
         scheme: &Case,
         measured: &MeasuredScheme,
     ) -> Result<QuantumMethod> {
@@ -249,7 +247,10 @@ impl DensityTask<'_> {
             toffoli: trace,
             evolutions,
             segments: Some(segments),
-            ..QuantumMethod::unavailable(OVER_CHARACTERISTICS, "no circuit of a trace is compiled")
+            ..QuantumMethod::unavailable(
+                QuantumName::OverCharacteristics,
+                "no circuit of a trace is compiled",
+            )
         }
     }
 }

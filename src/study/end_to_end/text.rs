@@ -6,7 +6,9 @@ use crate::quantum::cost::table::CostTable;
 use crate::quantum::labelled_number::{LabelledNumber, Trust};
 use crate::quantum::optimise::ranking::profile_text;
 use crate::study::end_to_end::measured::two_digits;
-use crate::study::end_to_end::methods::{ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod};
+use crate::study::end_to_end::methods::{
+    ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod, QuantumName,
+};
 use crate::study::grids::shape_text;
 use serde_json::Value;
 use std::fmt;
@@ -31,9 +33,9 @@ pub(super) fn verdict(
         ));
     }
     if let Some((best, least)) = known.iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
-        lines.push(format!("fewest gates: {}", best.name));
+        lines.push(format!("fewest gates: {}", best.name.text()));
         for (way, gates) in known.iter().filter(|(way, _)| way.name != best.name) {
-            lines.push(format!("{}: {:.1e} times as many", way.name, gates / least));
+            lines.push(format!("{}: {:.1e} times as many", way.name.text(), gates / least));
         }
     }
     for (way, _) in known {
@@ -45,7 +47,8 @@ pub(super) fn verdict(
         let pace = way.physical.seconds.because().unwrap_or_default();
         lines.push(format!(
             "{} {wins} against {}: {seconds:.1e} s ({pace}; assumed), {classical:.1e} s",
-            way.name, baseline.name
+            way.name.text(),
+            baseline.name.text()
         ));
     }
     lines
@@ -89,7 +92,7 @@ impl EndToEnd {
             self.numbers(name, number, |_| LabelledNumber::unavailable(""))
         };
         vec![
-            self.values("way", |way| way.name.into(), |method| method.name.into()),
+            self.values("way", |way| way.name.text().into(), |method| method.name.text().into()),
             Trust::Estimate.of_column(words("grid", |way| {
                 way.grids.last().map(|grid| shape_text(grid)).into()
             })),
@@ -133,15 +136,15 @@ impl QuantumMethod {
     /// The name of its flux, for a grid method. The table of costs has no room for a longer name.
     fn short_name(&self) -> &'static str {
         match self.name {
-            name if name.ends_with("unitary") => "unitary",
-            _ => "upwind",
+            QuantumName::Unitary => "unitary",
+            QuantumName::Dissipative | QuantumName::OverCharacteristics => "upwind",
         }
     }
 }
 
 impl fmt::Display for QuantumMethod {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.name.to_uppercase())?;
+        writeln!(f, "{}", self.name.text().to_uppercase())?;
         // Degrees that have no number for the same reason are in one line.
         let alike =
             |a: &DegreeCost, b: &DegreeCost| a.why_not().is_some() && a.why_not() == b.why_not();
@@ -238,10 +241,14 @@ impl fmt::Display for EndToEnd {
         writeln!(f, "{}", CostTable(rows))?;
         writeln!(f, "CLASSICAL")?;
         for ClassicalMethod { name, degree, size, seconds } in &self.classical {
-            let what = if name.contains("stepping") { "cells" } else { "traces" };
             let size = size.map_or("-".to_owned(), |size| format!("{size:.2e}"));
             let degree = degree.map_or(String::new(), |degree| format!(", degree {degree}"));
-            writeln!(f, "  {:<37}{size:>10} {what:<7}{seconds}", format!("{name}{degree}"))?;
+            writeln!(
+                f,
+                "  {:<37}{size:>10} {:<7}{seconds}",
+                format!("{}{degree}", name.text()),
+                name.unit()
+            )?;
         }
         writeln!(f)?;
         self.verdict.iter().try_for_each(|line| writeln!(f, "{line}"))
@@ -263,7 +270,7 @@ mod tests {
         };
         let text = |reasons: [&str; 3]| {
             let degrees = (0..3).map(|k| degree(k, reasons[k])).collect();
-            let way = QuantumMethod::unavailable("a way", reasons[0]);
+            let way = QuantumMethod::unavailable(QuantumName::Unitary, reasons[0]);
             QuantumMethod { degrees, ..way }.to_string()
         };
         let why = "no isometry";
@@ -275,7 +282,7 @@ mod tests {
         assert_eq!(shown.matches(why).count(), 1, "{shown}");
         assert!(shown.contains("degrees 0 to 1") && shown.contains("degree 2 "), "{shown}");
         // Without degrees it is that of the first number.
-        let shown = QuantumMethod::unavailable("a way", why).to_string();
+        let shown = QuantumMethod::unavailable(QuantumName::Unitary, why).to_string();
         assert_eq!(shown.matches(why).count(), 1, "{shown}");
     }
 }
