@@ -58,7 +58,7 @@ impl VelocityFactors {
             let part: f64 = weights.product();
             each.push([1.0, v[0], v[1], v[2], energy].map(|q| part * q));
         });
-        Self { each, volume: space.velocity_volume(), dimension: space.dimension() }
+        Self { each, volume: space.velocity_cell_volume(), dimension: space.dimension() }
     }
 
     /// Number of velocity cells.

@@ -95,8 +95,23 @@ impl PhaseSpace {
     }
 
     /// Mean volume of a velocity cell. For degree 0 all cells have this volume, `Π Δv`.
-    pub fn velocity_volume(&self) -> f64 {
+    pub fn velocity_cell_volume(&self) -> f64 {
         self.v.iter().map(|a| a.width() / a.nodes.count() as f64).product()
+    }
+
+    /// Volume of the box in phase space.
+    pub fn box_volume(&self) -> f64 {
+        volume(self.axes())
+    }
+
+    /// Volume of the box in space.
+    pub fn space_box_volume(&self) -> f64 {
+        volume(self.x.iter())
+    }
+
+    /// Volume of the velocity box.
+    pub fn velocity_box_volume(&self) -> f64 {
+        volume(self.v.iter())
     }
 
     /// Volume of a cell relative to the mean: the product over the axes of `w_m (k + 1)/2` with the
@@ -241,6 +256,11 @@ impl PhaseSpace {
         }
         point
     }
+}
+
+/// Volume of the box that these axes span.
+fn volume<'a>(axes: impl Iterator<Item = &'a Axis>) -> f64 {
+    axes.map(|axis| axis.upper - axis.lower).product()
 }
 
 /// A point as text: `x = 0.1, v = -0.2`.

@@ -322,7 +322,7 @@ impl ExportDescription {
             norm_of_field: reading.field.iter().map(|f| f * f).sum::<f64>().sqrt(),
             probability_p: reading.in_slice,
             probability_field_given_p: reading.in_block / reading.in_slice,
-            velocity_volume: case.space.velocity_volume(),
+            velocity_volume: case.space.velocity_cell_volume(),
             velocities: (1..=n).map(velocities).collect(),
             overlaps: reading.overlaps(&factors, n),
             preparation,

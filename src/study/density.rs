@@ -92,10 +92,9 @@ pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64])
         squares.push(sum);
     });
     let square = group.sum_terms(&squares) * space.cell_volume();
-    let box_volume: f64 = space.axes().map(|a| a.upper - a.lower).product();
-    let cell = space.cell_volume() / space.velocity_volume();
+    let cell = space.cell_volume() / space.velocity_cell_volume();
     let mass = density.iter().map(|rho| rho.abs()).sum::<f64>() * cell;
-    (box_volume * square).sqrt() / mass
+    (space.box_volume() * square).sqrt() / mass
 }
 
 /// [`averaged_density`] of the exact solution. Collective.

@@ -201,7 +201,7 @@ impl CompleteCircuitInput<'_> {
         let probability_start = start.probability(self.start);
         let a = (0..velocities).map(at).sum::<Complex64>() / root * probability_start.sqrt();
         let scale = grid.recovery.exp() * self.norm_of_state;
-        let moment_scale = scale * root * case.space.velocity_volume();
+        let moment_scale = scale * root * case.space.velocity_cell_volume();
         CompleteDescription {
             alpha,
             tau: phases.tau,

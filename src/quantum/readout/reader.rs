@@ -158,7 +158,7 @@ impl ReadoutContext<'_> {
     /// The rows of a cell.
     pub(crate) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<ReadoutRow> {
         let n = self.case.space.dimension();
-        let volume = self.case.space.velocity_volume();
+        let volume = self.case.space.velocity_cell_volume();
         let row = |observable| ReadoutRow::at(&self.case.space, cell, observable);
         let linear: Vec<(ReadoutRow, Vec<MeasuredMoment>)> = (0..=n)
             .map(|k| {
@@ -198,7 +198,7 @@ impl ReadoutContext<'_> {
         sums: &CellSums,
         estimator: OverlapEstimator,
     ) -> Option<(Overlap, f64)> {
-        let volume = self.case.space.velocity_volume();
+        let volume = self.case.space.velocity_cell_volume();
         let of_field = self.source.norm() * volume * norm(self.factors.each().iter().map(|q| q[k]));
         let prefactor = match estimator.enlarged() {
             false => of_field,

@@ -22,7 +22,7 @@ fn least_density(run: &StoredRun, largest: f64) -> f64 {
     let number = |key: &str| run.summary.as_ref().ok().and_then(|s| s[key].as_f64());
     let estimate = number("error_estimate").unwrap_or(0.0).min(1.0);
     // The mean over all of space, in case the drawn part is empty.
-    let volume: f64 = (run.space.x.iter()).map(|a| a.upper - a.lower).product();
+    let volume = run.space.space_box_volume();
     let mean = number("mass").map_or(0.0, |mass| (mass / volume).abs());
     largest.max(mean) * estimate.max(ROUND_OFF)
 }

@@ -20,7 +20,7 @@ use crate::solve::prepared::Prepared;
 use crate::solve::system::{RoughSolution, StateNorms};
 use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
 use crate::study::end_to_end::methods::{DegreeCost, QuantumMethod, QuantumName};
-use crate::study::end_to_end::traced::{TracedDensity, velocity_volume};
+use crate::study::end_to_end::traced::TracedDensity;
 use crate::study::grids::on_grid;
 use crate::study::quantum_setups::ProbedCase;
 use std::cell::RefCell;
@@ -117,7 +117,8 @@ impl DensityTask<'_> {
         let accesses = &self.accesses(&target, &bounds, &prepared, factor, tolerance / ratio);
         let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
         let velocities = target.space.velocity_cells() as f64;
-        let prefactor = velocity_volume(&target.space) / velocities.sqrt() * norms.field * scale;
+        let prefactor =
+            target.space.velocity_box_volume() / velocities.sqrt() * norms.field * scale;
         let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
         let state = match bounds.is_skew() {
             true => StateOfMethod::of_one_mode(tolerance),
@@ -225,7 +226,7 @@ impl DensityTask<'_> {
         const ROOM: &str = "b bits for each coordinate, the time and every product, kept until \
                             uncomputed, and the register of the estimation";
         const TRACED: &str = "the density and the largest f(0) by quadrature";
-        let mean = traced.density.abs() / (velocity_volume(space) * traced.largest);
+        let mean = traced.density.abs() / (space.velocity_box_volume() * traced.largest);
         // A probability a is (1 + o)/2 of an overlap o.
         let wanted = 2.0 * self.accuracy * mean;
         let mut register = 2.0;

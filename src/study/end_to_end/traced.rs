@@ -9,7 +9,6 @@
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::exact::{MostCells, Tracer};
-use crate::problem::grid::PhaseSpace;
 use crate::study::grids::on_grid;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -46,11 +45,6 @@ pub(super) struct TracedDensity {
     pub largest: f64,
     /// The relative error that was reached.
     pub error: f64,
-}
-
-/// Volume of the velocity box.
-pub(super) fn velocity_volume(space: &PhaseSpace) -> f64 {
-    space.v.iter().map(|v| v.upper - v.lower).product()
 }
 
 /// Panels along an axis to begin with, in `n` dimensions; a panel has four steps.
@@ -204,7 +198,7 @@ impl DensityAtPoint<'_> {
             }
             integral = self.over_axes(&mut Vec::new(), 0.9 * tolerance, 0.0, &mut found);
         }
-        found.density = velocity_volume(&self.case.space) * integral.value;
+        found.density = self.case.space.velocity_box_volume() * integral.value;
         found.error = integral.error / integral.value.abs();
         found.seconds = started.elapsed().as_secs_f64();
         found
@@ -227,7 +221,7 @@ impl DensityAtPoint<'_> {
             let count = found.traces as f64;
             let mean = sum / count;
             let deviation = (squares / count - mean * mean).max(0.0).sqrt();
-            found.density = velocity_volume(&self.case.space) * mean;
+            found.density = self.case.space.velocity_box_volume() * mean;
             found.error = match mean == 0.0 {
                 true => f64::INFINITY,
                 false => 1.96 * deviation / count.sqrt() / mean.abs(),

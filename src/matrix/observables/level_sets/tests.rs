@@ -85,7 +85,7 @@ fn density(
     let mut out = vec![0.0; phis.len()];
     let psis: Vec<&[f64]> = psis.iter().map(Vec::as_slice).collect();
     concentrate(&mut out, &space, width, &phis, &psis);
-    out.iter().sum::<f64>() * space.velocity_volume()
+    out.iter().sum::<f64>() * space.velocity_cell_volume()
 }
 
 /// Free streaming of `w(x) = a sin(x)`: `ψ = v − w(x − vt)`, `φ = ρ0(x − vt)`, `ρ0 = 2 + cos x`, so
