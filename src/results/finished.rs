@@ -7,7 +7,7 @@ use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, differing_setting};
 use crate::results::dataset::RESULT;
-use crate::results::readback::{self, read_text, text_attribute};
+use crate::results::readback::{StoredCase, text_attribute};
 use crate::results::untrusted::{self, Inspection};
 use crate::results::writer::Hdf5Result;
 use crate::results::{
@@ -138,14 +138,12 @@ fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     let file = File::open(path)?;
     let program = format!("phasewarp {}", env!("CARGO_PKG_VERSION"));
     let [by, git] = [text_attribute(&file, "program")?, text_attribute(&file, "git")?];
-    let dataset = file.dataset("case")?;
-    let overrides = text_attribute(&dataset, "overrides")?;
-    let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
+    let stored = StoredCase::read(&file)?;
     if by != program || git != GIT {
         return Ok(Some(format!("it is by {by} (git {git}), this is {program} (git {GIT})")));
     }
-    readback::check_text("/case", &dataset)?;
-    let Ok(found) = Case::parse(&case.name, &read_text(&dataset)?, &overrides) else {
+    stored.check()?;
+    let Ok(found) = Case::parse(&case.name, &stored.text()?, &stored.overrides) else {
         return Ok(Some("its case is not one of this program".to_owned()));
     };
     Ok(differing_setting(&found.settings, &case.settings))

@@ -13,7 +13,7 @@ use hdf5::filters::Filter;
 use hdf5::plist::dataset_create::Layout;
 use hdf5::sync::sync;
 use hdf5::types::{TypeDescriptor, VarLenUnicode};
-use hdf5::{Dataset, LinkType, Location, LocationToken, LocationType};
+use hdf5::{Dataset, File, LinkType, Location, LocationToken, LocationType};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -215,12 +215,38 @@ pub(crate) fn sum_of(
     Ok(sum)
 }
 
-/// Checks that the text of a dataset has the checksum that is stored with it.
-pub(crate) fn check_text(name: &str, dataset: &Dataset) -> Hdf5Result<()> {
-    let expected: u64 = dataset.attr(CHECKSUM)?.read_scalar()?;
-    match sum_of(FileShare::WHOLE, dataset, |_| Ok(()))? == expected {
-        true => Ok(()),
-        false => Err(error(differs(name))),
+/// The case of a result: its dataset `/case`, and the `--set` options beside it.
+pub(crate) struct StoredCase {
+    dataset: Dataset,
+    pub overrides: Vec<String>,
+}
+
+impl StoredCase {
+    /// The case in `file`.
+    pub fn read(file: &File) -> Hdf5Result<Self> {
+        let dataset = file.dataset("case")?;
+        let overrides = text_attribute(&dataset, "overrides")?;
+        let overrides = overrides.lines().map(str::to_owned).collect();
+        Ok(Self { dataset, overrides })
+    }
+
+    /// The case in `file`, without options where the file has none that can be read.
+    pub fn read_leniently(file: &File) -> Hdf5Result<Self> {
+        Self::read(file).or_else(|_| Ok(Self { dataset: file.dataset("case")?, overrides: vec![] }))
+    }
+
+    /// Checks that the case file has the checksum that is stored with it.
+    pub fn check(&self) -> Hdf5Result<()> {
+        let expected: u64 = self.dataset.attr(CHECKSUM)?.read_scalar()?;
+        match sum_of(FileShare::WHOLE, &self.dataset, |_| Ok(()))? == expected {
+            true => Ok(()),
+            false => Err(error(differs("/case"))),
+        }
+    }
+
+    /// The case file.
+    pub fn text(&self) -> Hdf5Result<String> {
+        read_text(&self.dataset)
     }
 }
 

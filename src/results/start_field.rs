@@ -6,7 +6,7 @@ use crate::parallel::files::CHECKSUM;
 use crate::problem::case::{Case, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
-use crate::results::readback::{read_text, text_attribute};
+use crate::results::readback::{StoredCase, text_attribute};
 use crate::results::summary;
 use crate::results::untrusted::{self, Inspection};
 use hdf5::types::TypeDescriptor;
@@ -62,10 +62,8 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
 
 /// The case of a result, if this program can read it.
 fn stored_case(file: &File) -> Option<Case> {
-    let dataset = file.dataset("case").ok()?;
-    let overrides = text_attribute(&dataset, "overrides").ok()?;
-    let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
-    Case::parse("case", &read_text(&dataset).ok()?, &overrides).ok()
+    let stored = StoredCase::read(file).ok()?;
+    Case::parse("case", &stored.text().ok()?, &stored.overrides).ok()
 }
 
 /// Relative l2 distance of the `f` in a directory to the semi-discrete solution since time 0;

@@ -10,7 +10,7 @@ use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
 use crate::results::dataset::RESULT;
 use crate::results::figure;
 use crate::results::pictures::mesh::{self, FineMesh, values_on_parts};
-use crate::results::readback::{PIECE, read_text, text_attribute};
+use crate::results::readback::{PIECE, StoredCase, read_text, text_attribute};
 use crate::results::{FileResult, summary};
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
@@ -92,10 +92,9 @@ impl StoredRun {
             }
         }
         let time = number(&file, "time").map_err(reason)?;
-        let stored = file.dataset("case").map_err(reason)?;
-        let text = read_text(&stored).map_err(reason)?;
-        let overrides = attribute(&stored, "overrides").unwrap_or_default();
-        let overrides: Vec<String> = overrides.lines().map(str::to_owned).collect();
+        let stored = StoredCase::read_leniently(&file).map_err(reason)?;
+        let text = stored.text().map_err(reason)?;
+        let overrides = stored.overrides;
         let name = provenance.get("case_file").map_or("case", String::as_str);
         let found = grid(&file)?;
         refuse_other_shapes(&file, &found)?;
