@@ -36,6 +36,7 @@ use crate::base::error::{Error, Result};
 use crate::base::lock::{self, DirectoryLock};
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
+use crate::quantum::readout;
 use crate::results::dataset::RESULT;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -47,19 +48,24 @@ pub type FileResult<T> = std::result::Result<T, String>;
 /// systems show it with a delay.
 const LATE: Duration = Duration::from_secs(10);
 
+/// Files of a run besides `summary.json`, grids and warped fields, and whether `case` writes them.
+fn single_files(case: &Case) -> [(String, bool); 3] {
+    let readings = case.readout.is_some();
+    [(RESULT, true), (xdmf::NAME, case.storage.xdmf), (readout::files::NAME, readings)]
+        .map(|(name, written)| (name.to_owned(), written))
+}
+
 /// Names of the files that a run may write before `summary.json`.
 pub(crate) fn file_names(case: &Case) -> Vec<String> {
-    let texts = [RESULT, xdmf::NAME, "readout.csv"].map(str::to_owned);
-    texts.into_iter().chain(grids::names()).chain(warped::names(case)).collect()
+    let names = single_files(case).into_iter().map(|(name, _)| name);
+    names.chain(grids::names()).chain(warped::names(case)).collect()
 }
 
 /// Names of the files that a run of `case` writes before `summary.json`.
 pub(crate) fn written_names(case: &Case) -> impl Iterator<Item = String> {
-    let files =
-        [(RESULT, true), (xdmf::NAME, case.storage.xdmf), ("readout.csv", case.readout.is_some())];
-    let written = files.into_iter().filter(|(_, written)| *written);
-    let written = written.map(|(name, _)| name.to_owned());
-    written.chain(grids::names_of(case)).chain(warped::names(case))
+    let written = single_files(case).into_iter().filter(|(_, written)| *written);
+    let names = written.map(|(name, _)| name);
+    names.chain(grids::names_of(case)).chain(warped::names(case))
 }
 
 /// The files that `case` reads, with the keys that name them.

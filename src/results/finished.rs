@@ -6,21 +6,18 @@ use crate::base::error::{Error, Result};
 use crate::base::version::GIT;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, differing_setting};
+use crate::quantum::readout;
 use crate::results::dataset::RESULT;
 use crate::results::readback::{StoredCase, text_attribute};
 use crate::results::untrusted::{self, Inspection};
 use crate::results::writer::Hdf5Result;
 use crate::results::{
-    file_checksums, file_names, given_files, grids, pictures, report, summary, warped,
-    written_names, xdmf,
+    file_checksums, file_names, given_files, pictures, report, summary, warped, written_names,
 };
 use crate::solve::checkpoint::store;
 use hdf5::File;
 use std::path::Path;
 use std::time::SystemTime;
-
-/// The text files of a run, except those of its grids.
-const TEXTS: [&str; 3] = ["summary.json", xdmf::NAME, "readout.csv"];
 
 /// Whether `directory` holds the complete results of `case` by this program, written after the
 /// files that the case reads. The interval of checkpoints does not matter. Every dataset is
@@ -165,7 +162,7 @@ pub fn refuse_to_replace(world: &Group, directory: &Path, case: &Case, resume: b
 
 /// The reason why a run of `case` may not write into `directory`, with a remedy; `None` if it may.
 fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
-    let there = |name: &&str| std::fs::symlink_metadata(directory.join(name)).is_ok();
+    let there = |name: &str| std::fs::symlink_metadata(directory.join(name)).is_ok();
     let instead = "--force replaces it, -o gives another directory";
     if let Some(name) = no_file(directory, case) {
         return Some(match directory.join(&name).is_dir() {
@@ -173,7 +170,7 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
             false => format!("{name} in it is no file; {instead}"),
         });
     }
-    if there(&RESULT) {
+    if there(RESULT) {
         let found = StoredResult::new(directory, case);
         let goes_on = resume && !matches!(found, StoredResult::Foreign) && is_begun(directory);
         return match found {
@@ -203,12 +200,12 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
         };
     }
     // Warped fields may be there without a result.h5: a stopped run leaves those that it finished.
-    let foreign = |name: &&str| !is_of_this_program(&directory.join(name));
     let warped = warped::names(case);
-    let warped = warped.iter().map(String::as_str).filter(foreign);
-    let grids: Vec<String> = grids::names().collect();
-    let mut names = TEXTS.into_iter().chain(grids.iter().map(String::as_str)).chain(warped);
-    let name = names.find(there)?;
+    let is_left = |name: &str| {
+        warped.iter().any(|warped| warped == name) && is_of_this_program(&directory.join(name))
+    };
+    let mut names = [summary::NAME.to_owned()].into_iter().chain(file_names(case));
+    let name = names.find(|name| there(name) && !is_left(name))?;
     Some(format!("it holds {name}, which belongs to no result.h5 there; {instead}"))
 }
 
@@ -230,7 +227,7 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
     if !is_replaced {
         return Ok(());
     }
-    let table = case.readout.is_none().then_some(Path::new("readout.csv").to_owned());
+    let table = case.readout.is_none().then_some(readout::files::NAME.into());
     let others = [report::NAME.into()].into_iter().chain(table).chain(pictures::files(directory));
     for name in others {
         let path = directory.join(name);

@@ -9,6 +9,9 @@ use crate::quantum::readout::row::{OverlapEstimator, reason};
 use std::fmt::Write;
 use std::path::Path;
 
+/// Name of the file.
+pub const NAME: &str = "readout.csv";
+
 /// Columns of `/readout`.
 const COLUMNS: [(&str, &str); 13] = [
     ("cell", "number of the space cell, the last axis fastest"),
@@ -75,7 +78,7 @@ impl Readout {
     /// # Errors
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        disk::write_text(&directory.join("readout.csv"), &self.csv())
+        disk::write_text(&directory.join(NAME), &self.csv())
     }
 
     /// A heading, then a line for every row and estimator. Whole numbers have no point. Numbers
