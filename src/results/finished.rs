@@ -70,7 +70,7 @@ fn is_later_than_given(directory: &Path, case: &Case) -> bool {
 
 /// Whether there is a checkpoint to continue from.
 fn is_begun(directory: &Path) -> bool {
-    store::is_begun(&directory.join("checkpoint"))
+    store::is_begun(&store::folder(directory))
 }
 
 /// The time at which a file was written; `None` if there is no such file.

@@ -346,7 +346,7 @@ pub fn open(directory: &Path) -> Result<StoredRun> {
             path.display()
         ))
     };
-    if !path.exists() && store::is_begun(&directory.join("checkpoint")) {
+    if !path.exists() && store::is_begun(&store::folder(directory)) {
         return Err(Error::Input(format!(
             "{}: the run was stopped and is not finished; with --resume it goes on",
             directory.display()

@@ -5,7 +5,7 @@ use crate::base::lock::DirectoryLock;
 use crate::base::log::report;
 use crate::run::log::RunLog;
 use crate::run::options::Output;
-use crate::solve::checkpoint::store::{Generation, Store, remove_all};
+use crate::solve::checkpoint::store::{self, Generation, Store, remove_all};
 use crate::solve::checkpoint::watch::CheckpointTimes;
 use crate::solve::prepared::Prepared;
 use crate::solve::snapshot::Fingerprint;
@@ -44,7 +44,7 @@ impl Checkpointing {
             }
             return Ok(None);
         };
-        let folder = output.directory.join("checkpoint");
+        let folder = store::folder(output.directory);
         prepared.communicator.world.on_first_rank(|| refuse_link(&folder))?;
         let mut store = Store::new(folder, Fingerprint::new(case, warp), case.space.clone());
         let generation = if options.resume {
@@ -80,7 +80,7 @@ impl Checkpointing {
 /// Other files stay, a symbolic link is not followed, and nothing is done while another run has
 /// locked the directory. On one rank.
 pub(crate) fn remove_rest(results: &Path) {
-    let folder = results.join("checkpoint");
+    let folder = store::folder(results);
     if folder.is_dir()
         && refuse_link(&folder).is_ok()
         && let Ok(_lock) = DirectoryLock::at_once(results)

@@ -17,9 +17,11 @@ use crate::base::row_major::indices;
 use crate::base::text::plain;
 use crate::parallel::communicator::World;
 use crate::problem::case::{self, Case, Method};
+use crate::results::dataset::RESULT;
 use crate::results::summary;
 use crate::run;
 use crate::run::options::Options;
+use crate::solve::checkpoint::store;
 use crate::study::sweep::name::{run_name, with_absolute_paths};
 use crate::study::sweep::table::{SweepRow, SweepTable, value_of};
 use crate::study::sweep::vary::Vary;
@@ -261,8 +263,8 @@ impl Sweep {
             report(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
         }
         // Only a run that has begun can be resumed.
-        let there = |name: &&str| run.directory.join(name).exists();
-        let begun = world.group().is_first() && ["checkpoint", "result.h5"].iter().any(there);
+        let left = [store::folder(&run.directory), run.directory.join(RESULT)];
+        let begun = world.group().is_first() && left.iter().any(|path| path.exists());
         let resume = options.resume && world.group().any(begun);
         // So that the peak is that of this run alone.
         memory::reset_peak();

@@ -429,6 +429,11 @@ fn generations(directory: &Path) -> Vec<u64> {
     found
 }
 
+/// The directory of the checkpoints of a run whose results are in `results`.
+pub fn folder(results: &Path) -> PathBuf {
+    results.join("checkpoint")
+}
+
 /// Whether `directory` holds a complete checkpoint, valid or not. Other files in it do not matter.
 pub fn is_begun(directory: &Path) -> bool {
     generations(directory).into_iter().any(|number| complete(directory, number))
