@@ -3,7 +3,7 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
-use crate::base::version::GIT;
+use crate::base::version::{self, GIT, PROGRAM};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, differing_setting};
 use crate::quantum::readout;
@@ -133,11 +133,10 @@ fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
     let path = directory.join(RESULT);
     untrusted::inspect(&path, Inspection::Description).map_err(hdf5::Error::from)?;
     let file = File::open(path)?;
-    let program = format!("phasewarp {}", env!("CARGO_PKG_VERSION"));
     let [by, git] = [text_attribute(&file, "program")?, text_attribute(&file, "git")?];
     let stored = StoredCase::read(&file)?;
-    if by != program || git != GIT {
-        return Ok(Some(format!("it is by {by} (git {git}), this is {program} (git {GIT})")));
+    if by != PROGRAM || git != GIT {
+        return Ok(Some(format!("it is by {by} (git {git}), this is {PROGRAM} (git {GIT})")));
     }
     stored.check()?;
     let Ok(found) = Case::parse(&case.name, &stored.text()?, &stored.overrides) else {
@@ -213,7 +212,7 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
 fn is_of_this_program(path: &Path) -> bool {
     let is_sound = untrusted::inspect(path, Inspection::Description).is_ok();
     let program = || File::open(path).and_then(|file| text_attribute(&file, "program"));
-    is_sound && program().is_ok_and(|program| program.starts_with("phasewarp "))
+    is_sound && program().is_ok_and(|program| version::is_own(&program))
 }
 
 /// Removes files of an earlier run from `directory` that this run does not write: warped fields,

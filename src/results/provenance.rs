@@ -1,6 +1,6 @@
 //! The origin of a result: program, commit, compiler, libraries, command, time.
 
-use crate::base::version::GIT;
+use crate::base::version::{GIT, PROGRAM};
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, ResultOrigin};
 use crate::results::table_file::{checksum_name, file_name};
@@ -15,7 +15,7 @@ pub fn provenance(world: &World, case: &Case) -> Vec<(String, String)> {
     let command: Vec<_> =
         std::env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
     let all = [
-        ("program", format!("phasewarp {}", env!("CARGO_PKG_VERSION"))),
+        ("program", PROGRAM.to_owned()),
         ("git", GIT.to_owned()),
         ("rustc", env!("PHASEWARP_RUSTC").to_owned()),
         ("mpi", world.library()),

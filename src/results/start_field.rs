@@ -1,6 +1,7 @@
 //! The result from which a run continues (`initial.field`), checked before anything is computed.
 
 use crate::base::error::{Error, Result};
+use crate::base::version;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::CHECKSUM;
 use crate::problem::case::{Case, ResultOrigin, StartField};
@@ -34,7 +35,7 @@ pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<ResultOr
 fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
     let file = untrusted::open_given(path, Inspection::Field)?;
     let program = text_attribute(&file, "program").unwrap_or_default();
-    if !program.starts_with("phasewarp ") {
+    if !version::is_own(&program) {
         return Err("is no result of phasewarp, which is expected".to_owned());
     }
     let f = file.dataset("f").map_err(|_| match file.link_exists("phi") {
