@@ -36,6 +36,11 @@ pub fn of_text(bytes: &[u8]) -> u64 {
     of_run(0, bytes.iter().copied().map(u64::from))
 }
 
+/// A checksum as files give it: 16 hexadecimal digits.
+pub fn text(checksum: u64) -> String {
+    format!("{checksum:016x}")
+}
+
 /// Size and checksum of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileChecksum {

@@ -1,5 +1,6 @@
 //! The origin of a result: program, commit, compiler, libraries, command, time.
 
+use crate::base::checksum;
 use crate::base::version::{GIT, PROGRAM};
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, ResultOrigin};
@@ -28,12 +29,12 @@ pub fn provenance(world: &World, case: &Case) -> Vec<(String, String)> {
     for file in &case.tables {
         let path = std::fs::canonicalize(&file.path).unwrap_or_else(|_| file.path.clone());
         all.push((file_name(file.of), path.display().to_string()));
-        all.extend(file.checksum.map(|sum| (checksum_name(file.of), format!("{sum:016x}"))));
+        all.extend(file.checksum.map(|sum| (checksum_name(file.of), checksum::text(sum))));
     }
     if let Some(start) = &case.start_field {
         all.push(("start_file".to_owned(), start.path.display().to_string()));
         if let Some(ResultOrigin { checksum, time, .. }) = start.origin {
-            all.push(("start_checksum".to_owned(), format!("{checksum:016x}")));
+            all.push(("start_checksum".to_owned(), checksum::text(checksum)));
             all.push(("start_time".to_owned(), time.to_string()));
         }
     }

@@ -205,7 +205,7 @@ impl Report<'_> {
             // A case that this program cannot read is identified by its text.
             Err(_) => format!("{}\n{}", self.run.text, self.run.overrides.join("\n")),
         };
-        format!("{:016x}", checksum::of_text(case.as_bytes()))
+        checksum::text(checksum::of_text(case.as_bytes()))
     }
 
     /// Refuses to replace a page in `directory` that is not of this case.

@@ -657,7 +657,7 @@ struct WithChecksum<'a> {
 
 /// The checksum of a summary: of its compact text without the key `checksum`, keys in order.
 fn checksum_of(summary: &Value) -> serde_json::Result<String> {
-    Ok(format!("{:016x}", checksum::of_text(&serde_json::to_vec(summary)?)))
+    Ok(checksum::text(checksum::of_text(&serde_json::to_vec(summary)?)))
 }
 
 /// Reads the summary in `directory`. Only one rank calls it.

@@ -1,6 +1,7 @@
 //! `initial.table`, `potential.N.table`, `inflow.table`: functions on tensor grids in HDF5 or CSV
 //! files, which one rank reads for all.
 
+use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::parallel::communicator::Group;
@@ -60,7 +61,7 @@ pub fn with_tables_known(mut case: Case, checksums: &BTreeMap<String, String>) -
         let known = checksums.get(&checksum_name(file.of));
         let found = known.and_then(|known| {
             let table = read(file).ok()?;
-            (format!("{:016x}", table.checksum()) == *known).then_some(table)
+            (checksum::text(table.checksum()) == *known).then_some(table)
         });
         if let Some(table) = found {
             case = case.with_table(k, table);

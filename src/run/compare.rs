@@ -1,6 +1,7 @@
 //! The error of the fields: estimated from the distance between two readings, and measured against
 //! the exact semi-discrete solution.
 
+use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::matrix::observables::{CellVolumes, Moments};
@@ -252,7 +253,7 @@ pub(crate) fn continued(
     let own = summary.error_semidiscrete.or(reliable);
     Some(ContinuedResult {
         file: start.path.display().to_string(),
-        checksum: format!("{:016x}", origin.checksum),
+        checksum: checksum::text(origin.checksum),
         time: case.begin,
         error: origin.error,
         error_inherited,

@@ -62,7 +62,7 @@ fn checksum_of(case: &Case) -> String {
     let tables: Vec<Option<u64>> = case.tables.iter().map(|file| file.checksum).collect();
     let text = [&case.text, &case.overrides.join("\n")].map(String::as_str).join("\n");
     let text = if tables.is_empty() { text } else { format!("{text}\n{tables:?}") };
-    format!("{:016x}", checksum::of_text(text.as_bytes()))
+    checksum::text(checksum::of_text(text.as_bytes()))
 }
 
 /// `case` with the settings that `directory` stores for it and `accuracy`; `None` if it stores

@@ -19,7 +19,7 @@ pub fn run_name(case: &Value, mode: Option<&str>, keys: &[String], values: &[Val
     let words: Vec<String> =
         words.map(|(key, value)| format!("{}={}", last(key), plain(value))).collect();
     let shown: String = without_special(&words.join("_")).chars().take(MOST_SHOWN).collect();
-    format!("{shown}_{checksum:016x}")
+    format!("{shown}_{}", checksum::text(checksum))
 }
 
 /// Makes the paths in a case absolute; they are relative to the directory of its file `file`.
