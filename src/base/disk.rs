@@ -3,6 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::base::text::{bytes_text, visible};
+use serde::Serialize;
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, BufWriter, ErrorKind, Read, Write};
@@ -84,6 +85,15 @@ pub(crate) fn put_in_place<E: std::fmt::Display>(
 /// [`Error::Output`].
 pub fn write_text(path: &Path, text: &str) -> Result<()> {
     write(path, visible(text).as_bytes())
+}
+
+/// Writes `value` as JSON on several lines, as [`write_text`] does.
+///
+/// # Errors
+/// [`Error::Output`].
+pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {
+    let text = serde_json::to_string_pretty(value).map_err(|e| failure(path, &e))?;
+    write_text(path, &(text + "\n"))
 }
 
 /// Writes a long text in pieces as [`write_text`] does. One piece at a time is in memory.

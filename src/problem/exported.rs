@@ -86,7 +86,5 @@ impl ExportOwner {
 /// # Errors
 /// [`crate::base::error::Error::Output`].
 pub fn write(directory: &Path, description: &impl Serialize) -> Result<()> {
-    let path = directory.join(DESCRIPTION);
-    let text = serde_json::to_string_pretty(description).map_err(|e| disk::failure(&path, &e))?;
-    disk::write_text(&path, &(text + "\n"))
+    disk::write_json(&directory.join(DESCRIPTION), description)
 }

@@ -633,14 +633,13 @@ impl Summary {
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
         let path = directory.join(NAME);
-        let text = self.text().map_err(|e| failure(&path, &e))?;
-        disk::write_text(&path, &(text + "\n"))
+        let sealed = self.sealed().map_err(|e| failure(&path, &e))?;
+        disk::write_json(&path, &sealed)
     }
 
-    /// The text of the file.
-    fn text(&self) -> serde_json::Result<String> {
+    fn sealed(&self) -> serde_json::Result<WithChecksum<'_>> {
         let checksum = checksum_of(&serde_json::to_value(self)?)?;
-        serde_json::to_string_pretty(&WithChecksum { summary: self, checksum })
+        Ok(WithChecksum { summary: self, checksum })
     }
 }
 
@@ -690,7 +689,8 @@ mod tests {
         let warnings = vec!["\u{1b}[2J".to_owned()];
         let summary =
             Summary { mass: 0.1 + 0.2, decay_bound: 1e300, warnings, ..Summary::default() };
-        let text = summary.text().expect("a text");
+        let sealed = summary.sealed().expect("a checksum");
+        let text = serde_json::to_string_pretty(&sealed).expect("a text");
         assert_eq!(parse(&text).expect("a summary")["mass"], 0.1 + 0.2);
         let shown = crate::base::text::visible(&text);
         assert!(parse(&shown).is_some());

@@ -51,9 +51,7 @@ impl ChosenSetup {
     /// Writes the choice into `directory`.
     fn write(&self, directory: &Path) -> Result<()> {
         disk::make(directory)?;
-        let path = directory.join(CHOICE);
-        let text = serde_json::to_string_pretty(self).map_err(|e| disk::failure(&path, &e))?;
-        disk::write_text(&path, &(text + "\n"))
+        disk::write_json(&directory.join(CHOICE), self)
     }
 }
 
@@ -84,7 +82,7 @@ pub fn stored(world: &World, case: &Case, accuracy: f64, directory: &Path) -> Op
 /// accuracy. Collective.
 ///
 /// # Errors
-/// As [`disk::make`] and [`disk::write_text`].
+/// As [`disk::make`] and [`disk::write_json`].
 pub fn store(world: &World, given: &Case, found: &Case, directory: &Path) -> Result<()> {
     let Some(accuracy) = found.accuracy else { return Ok(()) };
     let write = || ChosenSetup::new(given, found, accuracy).write(directory);

@@ -1,6 +1,6 @@
 //! The files of a study: a JSON file, a table, and the figure.
 
-use crate::base::disk::{self, failure};
+use crate::base::disk;
 use crate::base::error::Result;
 use crate::results::figure::Figure;
 use serde::Serialize;
@@ -25,11 +25,8 @@ impl<T: Serialize> StudyFiles<'_, T> {
     /// [`crate::base::error::Error::Output`].
     pub fn write(self, directory: &Path) -> Result<()> {
         let at = |ending: &str| directory.join(format!("{}.{ending}", self.name));
-        let (json, csv) = (at("json"), at("csv"));
-        let text = serde_json::to_string_pretty(self.found).map_err(|e| failure(&json, &e))?;
-        for (path, text) in [(json, text + "\n"), (csv, self.table)] {
-            disk::write_text(&path, &text)?;
-        }
+        disk::write_json(&at("json"), self.found)?;
+        disk::write_text(&at("csv"), &self.table)?;
         self.figure.write(directory, self.name)?;
         Ok(())
     }
