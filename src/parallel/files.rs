@@ -13,6 +13,14 @@ use std::path::Path;
 /// Name of the attribute with the checksum of a dataset ([`crate::base::checksum`]).
 pub const CHECKSUM: &str = "checksum";
 
+/// The checksum that is stored with a dataset.
+///
+/// # Errors
+/// If there is none.
+pub fn stored_checksum(dataset: &Dataset) -> hdf5::Result<u64> {
+    dataset.attr(CHECKSUM)?.read_scalar()
+}
+
 /// Makes the error of an operation on a file from a text that says what is wrong.
 pub type MakeError<'a> = &'a dyn Fn(&dyn Display) -> Error;
 

@@ -6,7 +6,7 @@ use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::base::row_major::DatasetBox;
 use crate::parallel::communicator::Group;
-use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
+use crate::parallel::files::{SharedFile, read_slab, stored_checksum};
 use crate::problem::table::check_size;
 use crate::results::writer::Hdf5Result;
 use hdf5::filters::Filter;
@@ -178,7 +178,7 @@ pub(crate) fn sums_of(
     mut visit: impl FnMut(&str, &[f64]) -> Hdf5Result<()>,
 ) -> Hdf5Result<ChecksumParts> {
     let sum = |(name, dataset): (String, Dataset)| {
-        let expected = (dataset.attr(CHECKSUM).and_then(|a| a.read_scalar()))
+        let expected = stored_checksum(&dataset)
             .map_err(|_| error(format!("dataset {name} carries no checksum")))?;
         let mine = sum_of(share, &dataset, |values| visit(&name, values))
             .map_err(|e| error(format!("dataset {name} {e}")))?;
@@ -237,7 +237,7 @@ impl StoredCase {
 
     /// Checks that the case file has the checksum that is stored with it.
     pub fn check(&self) -> Hdf5Result<()> {
-        let expected: u64 = self.dataset.attr(CHECKSUM)?.read_scalar()?;
+        let expected = stored_checksum(&self.dataset)?;
         match sum_of(FileShare::WHOLE, &self.dataset, |_| Ok(()))? == expected {
             true => Ok(()),
             false => Err(error(differs("/case"))),
@@ -254,6 +254,11 @@ impl StoredCase {
 pub(crate) fn text_attribute(at: &Location, name: &str) -> Hdf5Result<String> {
     let text: VarLenUnicode = at.attr(name)?.read_scalar()?;
     utf8(text.as_bytes().to_vec())
+}
+
+/// An attribute that is a number.
+pub(crate) fn number_attribute(at: &Location, name: &str) -> Hdf5Result<f64> {
+    at.attr(name)?.read_scalar()
 }
 
 /// A text of a file, which the HDF5 crate takes for UTF-8 unchecked.

@@ -3,11 +3,11 @@
 use crate::base::error::{Error, Result};
 use crate::base::version;
 use crate::parallel::communicator::Group;
-use crate::parallel::files::CHECKSUM;
+use crate::parallel::files::stored_checksum;
 use crate::problem::case::{Case, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
-use crate::results::readback::{StoredCase, text_attribute};
+use crate::results::readback::{StoredCase, number_attribute, text_attribute};
 use crate::results::summary;
 use crate::results::untrusted::{self, Inspection};
 use hdf5::types::TypeDescriptor;
@@ -45,16 +45,14 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
     if !matches!(f.dtype().and_then(|kind| kind.to_descriptor()), Ok(TypeDescriptor::Float(_))) {
         return Err("/f holds other than real numbers, which are expected".to_owned());
     }
-    let number = |name: &str| file.attr(name).and_then(|a| a.read_scalar::<f64>());
-    let time = number("time").map_err(|_| "says no time")?;
+    let time = number_attribute(&file, "time").map_err(|_| "says no time")?;
     if !is_same(time, case.begin, time) {
         return Err(format!("is f at t = {time}, time.start is {}", case.begin));
     }
     same_grid(&file, &f, &case.space)?;
-    let checksum = f.attr(CHECKSUM).and_then(|a| a.read_scalar());
     let case_of = stored_case(&file);
     Ok(ResultOrigin {
-        checksum: checksum.map_err(|_| "/f carries no checksum")?,
+        checksum: stored_checksum(&f).map_err(|_| "/f carries no checksum")?,
         time,
         error: error_of(path.parent().unwrap_or(Path::new(""))),
         positive: case_of.is_some_and(|case| case.positive),
@@ -102,11 +100,11 @@ fn same_grid(file: &File, f: &Dataset, space: &PhaseSpace) -> FileResult<()> {
 }
 
 fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> FileResult<()> {
-    let number = |key: &str| dataset.attr(key).and_then(|a| a.read_scalar::<f64>());
     let degree = dataset.attr("degree").and_then(|a| a.read_scalar::<u64>()).unwrap_or(0);
     let size = axis.lower.abs().max(axis.upper.abs());
     for (what, expected) in [("lower", axis.lower), ("upper", axis.upper)] {
-        let found = number(what).map_err(|_| format!("/axis/{name} says no {what}"))?;
+        let found =
+            number_attribute(dataset, what).map_err(|_| format!("/axis/{name} says no {what}"))?;
         if !is_same(found, expected, size) {
             return Err(format!("{what} end of {name}: {found} there, {expected} in the case"));
         }

@@ -5,7 +5,7 @@ use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::base::row_major::DatasetBox;
 use crate::parallel::communicator::{Communicator, Group};
-use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
+use crate::parallel::files::{SharedFile, read_slab, stored_checksum};
 use crate::parallel::partition::Block;
 use crate::problem::case::StartField;
 use crate::problem::grid::PhaseSpace;
@@ -92,8 +92,8 @@ impl StoredPart {
             Ok(values)
         });
         let values = world.agree(mine)?;
-        let expected = dataset.attr(CHECKSUM).and_then(|a| a.read_scalar::<u64>());
-        let is_whole = space.sum_modulo(sum) == world.agree(expected.map_err(|e| wrong(&e)))?;
+        let expected = stored_checksum(dataset).map_err(|e| wrong(&e));
+        let is_whole = space.sum_modulo(sum) == world.agree(expected)?;
         let damaged = || wrong(&"/f is not as it was written (its checksum differs)");
         world.agree(is_whole.then_some(()).ok_or_else(damaged))?;
         Ok(self.repeated(values))

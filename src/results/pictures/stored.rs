@@ -10,7 +10,7 @@ use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, axis_names};
 use crate::results::dataset::RESULT;
 use crate::results::figure;
 use crate::results::pictures::mesh::{self, FineMesh, values_on_parts};
-use crate::results::readback::{PIECE, StoredCase, read_text, text_attribute};
+use crate::results::readback::{PIECE, StoredCase, number_attribute, read_text, text_attribute};
 use crate::results::{FileResult, summary};
 use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
@@ -91,7 +91,7 @@ impl StoredRun {
                 provenance.insert(name, value);
             }
         }
-        let time = number(&file, "time").map_err(reason)?;
+        let time = number_attribute(&file, "time").map_err(reason)?;
         let stored = StoredCase::read_leniently(&file).map_err(reason)?;
         let text = stored.text().map_err(reason)?;
         let overrides = stored.overrides;
@@ -431,7 +431,7 @@ fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> FileResult<()> {
 
 /// The axis of elements that the attributes of a dataset describe; `None` for degree 0.
 fn by_elements(name: &str, dataset: &Dataset) -> Option<Axis> {
-    let number = |key: &str| number(dataset, key).ok();
+    let number = |key: &str| number_attribute(dataset, key).ok();
     let (degree, elements) = (number("degree")? as usize, number("elements")? as usize);
     let nodes = match name.starts_with('v') {
         true => Nodes::of_velocity(degree),
@@ -458,7 +458,7 @@ fn timings(file: &File) -> hdf5::Result<BTreeMap<String, f64>> {
     let names = timings.attr_names()?;
     (names.into_iter())
         .map(|name| {
-            let seconds = number(&timings, &name)?;
+            let seconds = number_attribute(&timings, &name)?;
             Ok((name, seconds))
         })
         .collect()
@@ -466,11 +466,7 @@ fn timings(file: &File) -> hdf5::Result<BTreeMap<String, f64>> {
 
 /// An attribute as text; it may be a text or a number.
 fn attribute(at: &Location, name: &str) -> hdf5::Result<String> {
-    text_attribute(at, name).or_else(|_| number(at, name).map(|x| x.to_string()))
-}
-
-fn number(at: &Location, name: &str) -> hdf5::Result<f64> {
-    at.attr(name)?.read_scalar()
+    text_attribute(at, name).or_else(|_| number_attribute(at, name).map(|x| x.to_string()))
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use crate::base::error::{Error, Result};
 use crate::base::row_major::DatasetBox;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
-use crate::parallel::files::{CHECKSUM, SharedFile, read_slab};
+use crate::parallel::files::{SharedFile, read_slab, stored_checksum};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
 use crate::results::untrusted::{self, Inspection};
@@ -233,7 +233,7 @@ impl WarpedFile {
             Ok(())
         })?;
         // Files of other programs have no checksum.
-        let expected = dataset.attr(CHECKSUM).and_then(|a| a.read_scalar::<u64>());
+        let expected = stored_checksum(&dataset);
         let sum = world.sum_modulo(sum);
         let (scale, distance) = (world.max(flatness.largest), world.max(flatness.distance));
         let unevenness = if distance == 0.0 { 0.0 } else { distance / scale };
