@@ -159,14 +159,22 @@ pub(crate) fn check_readable(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u
     Ok(chunk)
 }
 
+/// Refuses a dataset `name` that does not hold real numbers.
+pub(crate) fn refuse_other_than_reals(
+    name: &str,
+    dataset: &Dataset,
+) -> std::result::Result<(), String> {
+    match dataset.dtype().and_then(|kind| kind.to_descriptor()) {
+        Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_)) => Ok(()),
+        _ => Err(format!("/{name} holds other than real numbers, which are expected")),
+    }
+}
+
 /// The numbers of the dataset `name`, which may be as large as a table, or a sentence that says
 /// what is wrong with it.
 pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<f64>, String> {
     check_size(&dataset.shape()).map_err(|what| format!("/{name}: {what}"))?;
-    let kind = dataset.dtype().and_then(|kind| kind.to_descriptor());
-    if !matches!(kind, Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))) {
-        return Err(format!("/{name} holds other than real numbers, which are expected"));
-    }
+    refuse_other_than_reals(name, dataset)?;
     dataset.read_raw().map_err(|e| format!("/{name}: {e}"))
 }
 

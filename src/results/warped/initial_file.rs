@@ -8,13 +8,13 @@ use crate::parallel::communicator::Group;
 use crate::parallel::files::{SharedFile, read_slab, stored_checksum};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
+use crate::results::readback::refuse_other_than_reals;
 use crate::results::untrusted::{self, Inspection};
 use crate::results::warped::spread::{POINTS, Spread, with_points};
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::transform::Transform;
 use crate::solve::rank_modes::RankModes;
-use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
 use num_complex::Complex64;
 use std::path::{Path, PathBuf};
@@ -275,10 +275,7 @@ fn furthest(found: &[f64], expected: &[f64]) -> (f64, usize) {
 fn checked_points(path: &Path, space: &PhaseSpace) -> FileResult<([f64; 2], usize)> {
     let file = untrusted::open_given(path, Inspection::Warped)?;
     let w = file.dataset("w").map_err(|_| missing("w"))?;
-    let kind = w.dtype().and_then(|kind| kind.to_descriptor());
-    if !matches!(kind, Ok(TypeDescriptor::Float(_) | TypeDescriptor::Integer(_))) {
-        return Err("/w holds other than real numbers, which are expected".to_owned());
-    }
+    refuse_other_than_reals("w", &w)?;
     let shape = w.shape();
     let expected = space.shape();
     if shape.len() != expected.len() + 1 || shape[..expected.len()] != expected[..] {
