@@ -1,6 +1,6 @@
 //! The result from which a run continues (`initial.field`), checked before anything is computed.
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::version;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::stored_checksum;
@@ -22,14 +22,11 @@ const SAME: f64 = 1e-12;
 /// `world`.
 ///
 /// # Errors
-/// [`Error::Input`], the same on all ranks, that says what is wrong with the file.
+/// [`crate::base::error::Error::Input`], the same on all ranks, that says what is wrong with the
+/// file.
 pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<ResultOrigin> {
     // One rank reads the file without MPI.
-    world.of_first_rank(|| {
-        checked_origin(&start.path, case).map_err(|what| {
-            Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
-        })
-    })
+    world.of_first_rank(|| checked_origin(&start.path, case).map_err(|what| start.wrong(&what)))
 }
 
 fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {

@@ -347,11 +347,9 @@ fn refuse_uneven(
         let warns = uneven > case.tolerance;
         return Ok(warns.then(|| format!("initial.warped: {finding}{beyond}")));
     }
-    Err(Error::Input(format!(
-        "{} = \"{}\": {finding}, at most {bound:.0e} is accepted{beyond}; solver.warp.recovery \
-         reads f elsewhere, output.warped_field = true asks for w instead of f",
-        start.place,
-        start.path.display()
+    Err(start.wrong(&format!(
+        "{finding}, at most {bound:.0e} is accepted{beyond}; solver.warp.recovery reads f \
+         elsewhere, output.warped_field = true asks for w instead of f"
     )))
 }
 

@@ -27,9 +27,7 @@ pub fn read(
     start: &StartField,
 ) -> Result<Vec<f64>> {
     let world = &communicator.world;
-    let wrong = |what: &dyn std::fmt::Display| {
-        Error::Input(format!("{} = \"{}\": {what}", start.place, start.path.display()))
-    };
+    let wrong = |what: &dyn std::fmt::Display| start.wrong(what);
     SharedFile::read(world, &start.path, &wrong, |file| {
         let dataset = world.agree(file.dataset("f").map_err(|e| wrong(&e)))?;
         let part = StoredPart::of(&dataset, space, block);

@@ -1,12 +1,13 @@
 //! `[[potential]]`, `[initial]`, `[inflow]` and `[exact]`: the formulas and data files of a case.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{Formula, Item, List};
 use crate::problem::formula::Expression;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::table::Interpolation;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::path::{Path, PathBuf};
 
 /// Largest number of fields of a case: a density, and a level set for each velocity axis.
@@ -103,6 +104,18 @@ pub struct WarpedStart {
     pub path: PathBuf,
     /// File and line of the key, for errors.
     pub place: String,
+}
+
+impl WarpedStart {
+    /// The error that something is wrong with the file.
+    pub fn wrong(&self, what: &dyn fmt::Display) -> Error {
+        wrong_file(&self.place, &self.path, what)
+    }
+}
+
+/// The error that something is wrong with the file `path`, which a key at `place` names.
+fn wrong_file(place: &str, path: &Path, what: &dyn fmt::Display) -> Error {
+    Error::Input(format!("{place} = \"{}\": {what}", path.display()))
 }
 
 /// The function that a table in a file gives.
@@ -226,6 +239,13 @@ pub struct StartField {
     pub place: String,
     /// The run that wrote the result, once the file was read.
     pub origin: Option<ResultOrigin>,
+}
+
+impl StartField {
+    /// The error that something is wrong with the file.
+    pub fn wrong(&self, what: &dyn fmt::Display) -> Error {
+        wrong_file(&self.place, &self.path, what)
+    }
 }
 
 /// The properties of a result from which a run continues.
