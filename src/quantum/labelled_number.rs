@@ -105,6 +105,11 @@ impl LabelledNumber {
         if second.value() < first.value() { second } else { first }
     }
 
+    /// The lowest value of `numbers`; infinite if none has one.
+    pub fn least(numbers: &[Self]) -> f64 {
+        numbers.iter().filter_map(Self::value).fold(f64::INFINITY, f64::min)
+    }
+
     /// The product, labelled as the less trusted of both.
     pub fn times(&self, other: &Self) -> Self {
         let (more, less) = if self.label < other.label { (self, other) } else { (other, self) };

@@ -101,8 +101,7 @@ impl SequenceCost {
     /// Gates until the field is measured, repeated or amplified, the fewer of both; infinite where
     /// there is no number.
     pub fn least(&self) -> f64 {
-        let known = self.gates_until_measured.iter().filter_map(LabelledNumber::value);
-        known.fold(f64::INFINITY, f64::min)
+        LabelledNumber::least(&self.gates_until_measured)
     }
 }
 

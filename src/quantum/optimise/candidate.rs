@@ -151,7 +151,7 @@ impl CostedChoice {
     /// Gates until the field is measured, repeated or amplified, whichever is fewer; infinite where
     /// there is no number.
     pub fn least_cost(&self) -> f64 {
-        self.cost.iter().filter_map(LabelledNumber::value).fold(f64::INFINITY, f64::min)
+        LabelledNumber::least(&self.cost)
     }
 
     /// `case` with this choice, to be planned with `bounds`.

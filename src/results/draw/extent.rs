@@ -37,7 +37,8 @@ fn places(layer: &Layer) -> Vec<[f64; 2]> {
     }
 }
 
-fn smallest_and_largest(values: impl Iterator<Item = f64>) -> [f64; 2] {
+/// The smallest and the largest of `values`; the first is above the second if there are none.
+pub fn smallest_and_largest(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let none = [f64::INFINITY, f64::NEG_INFINITY];
     values.fold(none, |[l, u], v| [l.min(v), u.max(v)])
 }

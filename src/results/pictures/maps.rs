@@ -1,6 +1,7 @@
 //! Planes of a run as heat maps.
 
 use crate::base::text::short;
+use crate::results::draw::extent::smallest_and_largest;
 use crate::results::figure::{Layer, Map, Panel, PlotAxis};
 use crate::results::pictures::stored::{Plane, StoredRun};
 
@@ -134,9 +135,8 @@ pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Opt
     /// Relative difference of values that can be distinguished.
     const SEEN: f64 = 1e-3;
     let all = planes.into_iter().flat_map(|p| &p.values);
-    let finite = all.filter(|v| v.is_finite());
-    let [lower, upper] =
-        finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, u], &v| [l.min(v), u.max(v)]);
+    let finite = all.copied().filter(|v| v.is_finite());
+    let [lower, upper] = smallest_and_largest(finite);
     if lower > upper {
         return None;
     }

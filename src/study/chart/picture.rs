@@ -7,12 +7,12 @@
 use crate::base::text::word;
 use crate::problem::case::{DEFAULT_CFL, Integrator, Limiter, Method, PropagatorMethod};
 use crate::problem::element::LARGEST_DEGREE;
+use crate::results::draw::extent::smallest_and_largest;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Figure, Panel, PlotAxis};
 use crate::study::chart::entry::{ChartEntry, PointOf};
 use crate::study::chart::programme::TOLERANCES;
 use crate::study::chart::result::Chart;
-use crate::study::chart::verdict::ends;
 use crate::study::choices::PROPAGATORS;
 use crate::study::treatment::Treatment;
 
@@ -176,7 +176,10 @@ fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
 fn diagonal(entries: &[&ChartEntry]) -> Vec<[f64; 2]> {
     let reached = entries.iter().filter(|e| is_planned(e) && e.error_semidiscrete.is_some());
     let all: Vec<f64> = reached.filter_map(|e| e.tolerance).collect();
-    if all.is_empty() { Vec::new() } else { ends(&all).map(|end| [end, end]).into() }
+    match all.is_empty() {
+        true => Vec::new(),
+        false => smallest_and_largest(all.into_iter()).map(|end| [end, end]).into(),
+    }
 }
 
 /// Seconds: propagators of the first profile, classical steps, the paper's set-up.
@@ -229,9 +232,8 @@ fn by_treatment(entries: &[&ChartEntry], grid: &str) -> Panel {
 /// The axis of memory: logarithmic if it spans more than a factor of ten.
 fn memory_axis(entries: &[&ChartEntry]) -> PlotAxis {
     let label = "peak memory of a rank, MiB";
-    let all: Vec<f64> =
-        (entries.iter()).filter_map(|e| Some(e.memory_bytes_per_rank? as f64)).collect();
-    let [least, most] = ends(&all);
+    let all = (entries.iter()).filter_map(|e| Some(e.memory_bytes_per_rank? as f64));
+    let [least, most] = smallest_and_largest(all);
     if most > 10.0 * least { PlotAxis::log(label) } else { PlotAxis::linear(label) }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, counted, sentence, time_text};
 use crate::problem::case::Method;
+use crate::results::draw::extent::smallest_and_largest;
 use crate::study::chart::entry::{ChartEntry, PointOf, Status};
 use crate::study::chart::result::Chart;
 
@@ -243,15 +244,9 @@ fn left_out_on_grid(chart: &Chart, closest: &ChartEntry) -> String {
 /// The expected seconds of `entries`: one number, or the least and the most.
 pub fn expected_seconds_text(entries: &[&ChartEntry]) -> String {
     let all: Vec<f64> = entries.iter().filter_map(|e| e.expected_seconds).collect();
-    let [least, most] = ends(&all).map(time_text);
+    let [least, most] = smallest_and_largest(all.into_iter()).map(time_text);
     let bound = if entries.iter().any(|e| e.expected_at_least) { "at least " } else { "" };
     if least == most { format!("{bound}{least}") } else { format!("{bound}{least} to {most}") }
-}
-
-/// The least and the largest of `all`.
-pub fn ends(all: &[f64]) -> [f64; 2] {
-    let least = all.iter().copied().fold(f64::INFINITY, f64::min);
-    [least, all.iter().copied().fold(f64::NEG_INFINITY, f64::max)]
 }
 
 /// A sentence on the numbers of trials that ran, were refused, and were left out.
