@@ -1,5 +1,6 @@
 //! The compiled circuit, and the cost of an evolution by it.
 
+use crate::base::text::joined;
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::cost::sequence::SequenceCounts;
@@ -165,8 +166,7 @@ impl CircuitDescription {
     /// The grid, the potential and the modes.
     fn write_case(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let transport = &self.transport;
-        let shape: Vec<String> = self.shape.iter().map(usize::to_string).collect();
-        writeln!(f, "{}: {} cells", self.title, shape.join(" x "))?;
+        writeln!(f, "{}: {} cells", self.title, joined(&self.shape, " x "))?;
         let bins = 1u64 << transport.bin_bits;
         writeln!(
             f,

@@ -2,6 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::Result;
+use crate::base::text::joined;
 use crate::problem::case::Case;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::readout::Readout;
@@ -91,10 +92,10 @@ impl Readout {
             false => format!("{x:?}"),
         };
         let number = |figure: &LabelledNumber| figure.value().map_or(String::new(), text_of);
-        let joined = |list: Vec<String>| list.join(" ");
         for row in &self.rows {
-            let cell = joined(row.cell.iter().map(usize::to_string).collect());
-            let point = joined(row.point.iter().map(f64::to_string).collect());
+            let cell = joined(&row.cell, " ");
+            let point: Vec<String> = row.point.iter().map(f64::to_string).collect();
+            let point = point.join(" ");
             let start = format!("{cell},{point},{},{}", row.observable.name(), number(&row.value));
             if row.measured.is_empty() {
                 let _ = writeln!(text, "{start},,,,,,,,,,,\"{}\"", reason(&row.value));

@@ -1,6 +1,6 @@
 //! The record as a table.
 
-use crate::base::text::{counted, rounded, short, word};
+use crate::base::text::{counted, joined, rounded, short, word};
 use crate::quantum::cost::table::CostTable;
 use crate::quantum::cost::{JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
@@ -130,10 +130,10 @@ impl ResourceCounts {
             1 => "no register of p".to_owned(),
             points => format!("N_p = {points} on a length of {}", short(self.period)),
         };
-        let shape = list(&self.shape, " x ");
+        let shape = joined(&self.shape, " x ");
         writeln!(f, "{}: {shape} = {} unknowns, {p}", self.title, self.unknowns)?;
         let weights = if self.weighted { ", with dissipative weights" } else { "" };
-        let q = list(&self.sparsity.q, ", ");
+        let q = joined(&self.sparsity.q, ", ");
         writeln!(f, "interface {}{weights}; Q = {q}", word(&self.interface))?;
         let setup = &self.setup;
         let delta = setup.delta.map_or(String::new(), |delta| format!("; delta {}", word(&delta)));
@@ -201,7 +201,7 @@ impl ResourceCounts {
             "{:<WIDTH$}{:>12}  exact: {} for phase space, {} for the inflow, {} for p",
             "qubits",
             r.total,
-            list(&r.phase_space, " + "),
+            joined(&r.phase_space, " + "),
             r.auxiliary,
             r.p
         )?;
@@ -224,11 +224,6 @@ impl ResourceCounts {
         )?;
         rows.iter().try_for_each(|(name, number)| line(f, name, number))
     }
-}
-
-/// Numbers in a row.
-fn list(numbers: &[usize], between: &str) -> String {
-    numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(between)
 }
 
 /// A line with a name and its number.
