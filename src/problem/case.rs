@@ -393,6 +393,15 @@ impl Case {
         self
     }
 
+    /// This case read again with `more` `--set` options after its own, and the tables that it has.
+    ///
+    /// # Errors
+    /// As [`Self::parse`].
+    pub fn with_settings(&self, more: impl IntoIterator<Item = String>) -> Result<Self> {
+        let set: Vec<String> = self.overrides.iter().cloned().chain(more).collect();
+        Ok(Self::parse(&self.name, &self.text, &set)?.with_tables_of(self))
+    }
+
     /// The values of all tables that were read.
     pub fn table_values(&self) -> impl Iterator<Item = (&TableFile, &Table)> {
         let values = |file: &TableFile| self.of_table(file.of).and_then(Expression::table);

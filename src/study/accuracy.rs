@@ -72,8 +72,7 @@ pub fn stored(world: &World, case: &Case, accuracy: f64, directory: &Path) -> Op
         same.then_some(found)
     };
     let choice = world.group().of_first_rank(|| Ok(of_file())).ok()??;
-    let set: Vec<String> = case.overrides.iter().cloned().chain(choice.settings).collect();
-    let found = Case::parse(&case.name, &case.text, &set).ok()?.with_tables_of(case);
+    let found = case.with_settings(choice.settings).ok()?;
     let expected_error = choice.expected_error;
     Some(Case { accuracy: Some(accuracy), expected_error, ..found })
 }
@@ -135,8 +134,7 @@ pub fn chosen(world: &World, case: &Case, request: Request) -> Result<Case> {
             report(&format!("warning: {warning}"));
         }
     }
-    let set: Vec<String> = case.overrides.iter().chain(&entry.settings).cloned().collect();
-    let chosen = Case::parse(&case.name, &case.text, &set)?.with_tables_of(case);
+    let chosen = case.with_settings(entry.settings.iter().cloned())?;
     Ok(Case { accuracy: Some(accuracy), expected_error: Some(entry.error), ..chosen })
 }
 
