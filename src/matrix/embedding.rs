@@ -44,7 +44,7 @@ use crate::matrix::bounds::INFLOW_GROWTH;
 use crate::matrix::bundles::Bundles;
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, Delta};
+use crate::problem::case::Case;
 
 impl BlockMatrix {
     /// Sets the couplings of a constant inflow, and the weights of the auxiliary unknowns in `pi`,
@@ -53,11 +53,7 @@ impl BlockMatrix {
         self.inflow_rows = space.sum_count(self.inflow.len());
         let largest = space.max(self.inflow.iter().fold(0.0, |m, aux| m.max(aux.largest())));
         let allowed = INFLOW_GROWTH / case.duration();
-        let given = match case.warp.delta {
-            Delta::Planned => None,
-            Delta::Largest => Some(largest),
-            Delta::Given(delta) => Some(delta),
-        };
+        let given = case.warp.delta.given(largest);
         self.uncoupled = if largest > 0.0 { given.unwrap_or(0.0) } else { 0.0 };
         if case.varies() || largest == 0.0 {
             self.set_auxiliary_weights(pi, 1.0);

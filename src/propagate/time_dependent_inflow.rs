@@ -29,7 +29,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::parallel::communicator::{Communicator, GhostExchange};
-use crate::problem::case::{Case, Delta, Embedding};
+use crate::problem::case::{Case, Embedding};
 use crate::problem::grid::{PhaseSpace, describe_point};
 use crate::propagate::classical::{Classical, ClassicalSpan};
 
@@ -403,11 +403,7 @@ impl Schedule {
         let (space, warp) = (&search.communicator.space, &search.case.warp);
         let rows = inflow.len();
         let allowed = INFLOW_GROWTH / search.case.duration();
-        let given = match warp.delta {
-            Delta::Planned => None,
-            Delta::Largest => Some(largest),
-            Delta::Given(delta) => Some(delta),
-        };
+        let given = warp.delta.given(largest);
         let mut most = vec![0.0f64; rows];
         for stage in values.chunks(rows.max(1)) {
             for (most, b) in most.iter_mut().zip(stage) {

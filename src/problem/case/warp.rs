@@ -131,6 +131,17 @@ pub enum Delta {
     Given(f64),
 }
 
+impl Delta {
+    /// `δ`, unless it is planned; `largest` is the largest inflow.
+    pub fn given(self, largest: f64) -> Option<f64> {
+        match self {
+            Self::Planned => None,
+            Self::Largest => Some(largest),
+            Self::Given(delta) => Some(delta),
+        }
+    }
+}
+
 /// `σ` of the spectral shift `u = e^{σt} ũ`, `ũ' = (A − σ) ũ`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
