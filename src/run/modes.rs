@@ -33,7 +33,6 @@ use crate::solve::rank_cells::RankCells;
 use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::stage::{FullRunModes, RecoveredFields, Task};
 use crate::solve::system::DiscreteSystem;
-use num_complex::Complex64;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -378,17 +377,11 @@ fn read_start(
         return Err(Error::Magnitude { key: start.place.clone(), value: peak });
     }
     let warning = refuse_uneven(start, case, domain, warp.interval, unevenness)?;
-    let mut part = vec![0.0; kept.rows()];
+    let rows = kept.rows();
     let mut largest = 0.0f64;
     for k in 0..kept.modes().len() {
-        let values = &kept.values()[k * part.len()..(k + 1) * part.len()];
-        let norms = [|x: &Complex64| x.re, |x: &Complex64| x.im].map(|of| {
-            for (part, x) in part.iter_mut().zip(values) {
-                *part = of(x);
-            }
-            system.norm(communicator, &part, false)
-        });
-        let norm = norms[0].hypot(norms[1]);
+        let mode = &kept.values()[k * rows..(k + 1) * rows];
+        let norm = system.norm_of_mode(communicator, mode);
         kept.progress_mut()[k] = ModeProgress::start(norm);
         largest = largest.max(norm);
     }

@@ -13,6 +13,7 @@ use crate::propagate::time_dependent_inflow;
 use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE, WeightedField};
 use crate::solve::rank_cells::RankCells;
 use crate::solve::start_field;
+use num_complex::Complex64;
 use serde::Serialize;
 use std::ops::Range;
 use std::time::Instant;
@@ -256,6 +257,15 @@ impl DiscreteSystem {
             (true, false) => 0.0,
             _ => x[i] * x[i],
         })
+    }
+
+    /// The norm of a mode over all rows. Collective over the space group.
+    pub fn norm_of_mode(&self, communicator: &Communicator, mode: &[Complex64]) -> f64 {
+        let norm = |of: fn(&Complex64) -> f64| {
+            let part: Vec<f64> = mode.iter().map(of).collect();
+            self.norm(communicator, &part, false)
+        };
+        norm(|x| x.re).hypot(norm(|x| x.im))
     }
 
     /// The l2 norms of `x` over the weighted cells, and over the auxiliary unknowns. Collective

@@ -90,11 +90,7 @@ impl GivenMode {
         // Without zeros: arithmetic with zeros may be faster.
         let mode = |i: usize| Complex64::cis((i * i % 257) as f64);
         let state: Vec<Complex64> = (0..system.matrix.rows()).map(mode).collect();
-        let norm = |of: fn(&Complex64) -> f64| {
-            let part: Vec<f64> = state.iter().map(of).collect();
-            system.norm(&prepared.communicator, &part, false)
-        };
-        let norm = norm(|x| x.re).hypot(norm(|x| x.im));
+        let norm = system.norm_of_mode(&prepared.communicator, &state);
         Some(Self { state, norm })
     }
 }
