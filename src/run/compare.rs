@@ -224,7 +224,7 @@ fn exact_semidiscrete(
     for (time, steps) in case.legs().into_iter().zip(terms) {
         let span = Integration { case, rate: bounds.rate, time, steps };
         integrate(&mut classical, &mut system.exchange, span, &mut state);
-        ends.push(system.unweighted(&rank_cells.mine, state[rank_cells.mine.clone()].to_vec()));
+        ends.push(system.own_field(&rank_cells.mine, &state));
     }
     ends
 }
@@ -367,8 +367,7 @@ impl ErrorEstimate {
 /// The estimate with inflow that depends on time: the distance of `f` to the field that the search
 /// for the number of steps ended with, and the error of that. Collective.
 fn estimate_from_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorEstimate {
-    let mine = &prepared.rank_cells.mine;
-    let reference = prepared.system.unweighted(mine, schedule.reference[mine.clone()].to_vec());
+    let reference = prepared.system.own_field(&prepared.rank_cells.mine, &schedule.reference);
     let distance = FieldNorms::new(prepared, f).distance(&reference);
     let (rest, stages) = (schedule.reference_error, schedule.stages());
     let may_be_large = !schedule.order_is_seen && rest > LARGEST_REST * distance;

@@ -299,6 +299,11 @@ impl DiscreteSystem {
         state
     }
 
+    /// `f` on the cells `range` of the whole `state` of a rank.
+    pub fn own_field(&self, range: &Range<usize>, state: &[f64]) -> Vec<f64> {
+        self.unweighted(range, state[range.clone()].to_vec())
+    }
+
     /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of `legs`, with a rough `f(t)`. The
     /// mode groups share the fields. Collective.
     pub fn probe(&mut self, communicator: &Communicator, bounds: &Bounds, legs: &[f64]) -> f64 {

@@ -67,8 +67,7 @@ impl ReferenceProblem {
             if after > 0.0 {
                 self.ratio = self.ratio.max(before / after);
             }
-            let mine = state[rank_cells.mine.clone()].to_vec();
-            self.exact.push(system.unweighted(&rank_cells.mine, mine));
+            self.exact.push(system.own_field(&rank_cells.mine, &state));
         }
     }
 
