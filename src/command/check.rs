@@ -11,7 +11,6 @@ use crate::parallel::communicator::World;
 use crate::plan::here::{announce_slow_steps, refuse_too_large_here};
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::problem::grid::axis_names;
 use crate::results::ledger::Ledger;
 use crate::results::result_grid::ResultGrid;
 use crate::results::untrusted;
@@ -118,11 +117,8 @@ fn checked<'a>(
     ledger: &'a Ledger,
     warnings: &'a [String],
 ) -> CheckJson<'a> {
-    let periodic = case.space.periodic.iter().take(case.space.dimension()).copied();
-    let names = axis_names(case.space.dimension());
     let whole = case.space.whole();
-    let axes = names.iter().zip(whole.axes()).zip(periodic.chain(std::iter::repeat(false)));
-    let axes = axes.map(|((name, axis), periodic)| CheckedAxis {
+    let axes = whole.named_axes().map(|(name, axis, periodic)| CheckedAxis {
         name: name.to_string(),
         lower: axis.lower,
         upper: axis.upper,

@@ -7,7 +7,6 @@ use crate::base::text::{
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
 use crate::problem::grid::PhaseSpace;
-use crate::problem::grid::axis_names;
 
 /// The case in lines: axes, formulas, method, reductions, number of unknowns and rates.
 pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
@@ -55,13 +54,8 @@ fn plain(value: f64) -> String {
 
 /// One line per axis.
 fn axes(space: &PhaseSpace) -> String {
-    let dimension = space.dimension();
-    // Velocity axes are never periodic.
-    let periodic = space.periodic.iter().take(dimension).copied();
-    let periodic = periodic.chain(std::iter::repeat(false));
-    let names = axis_names(dimension);
     let mut text = String::new();
-    for ((name, axis), periodic) in names.iter().zip(space.whole().axes()).zip(periodic) {
+    for (name, axis, periodic) in space.whole().named_axes() {
         let nodes = match axis.nodes.degree {
             0 => String::new(),
             degree => format!(" and degree {degree} ({} nodes)", axis.cells),

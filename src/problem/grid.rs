@@ -212,6 +212,13 @@ impl PhaseSpace {
         self.periodic[a]
     }
 
+    /// The axes in storage order: name, axis, and whether it is periodic. Velocity axes never are.
+    pub fn named_axes(&self) -> impl Iterator<Item = (&'static str, &Axis, bool)> {
+        let n = self.dimension();
+        let axes = axis_names(n).into_iter().zip(self.axes()).enumerate();
+        axes.map(move |(a, (name, axis))| (name, axis, a < n && self.is_periodic(a)))
+    }
+
     /// The cell of number `i` along space axis `a`, modulo the number of cells on a periodic axis;
     /// `None` off the grid.
     pub fn wrap(&self, a: usize, i: i64) -> Option<usize> {
