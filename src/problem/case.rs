@@ -347,6 +347,14 @@ impl Case {
         self.first_reflection().is_some()
     }
 
+    /// Ends of the coordinates `[x, y, z, vx, vy, vz, t]` that the case has, by position.
+    pub fn coordinate_ends(&self) -> Vec<(usize, [f64; 2])> {
+        let PhaseSpace { x, v, .. } = self.space.whole();
+        let axes = (x.iter().zip(0..)).chain(v.iter().zip(3..));
+        let ends = axes.map(|(axis, position)| (position, [axis.lower, axis.upper]));
+        ends.chain([(TIME, [self.begin, self.end])]).collect()
+    }
+
     /// The expression that holds the values of a table.
     fn of_table(&self, of: TableOf) -> Option<&Expression> {
         match of {

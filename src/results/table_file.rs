@@ -5,7 +5,7 @@ use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, TIME, TableFile, TableOf};
+use crate::problem::case::{Case, TableFile, TableOf};
 use crate::problem::table::{Table, TableAxis, check_size};
 use crate::results::FileResult;
 use crate::results::readback::numbers;
@@ -41,10 +41,7 @@ fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table> {
     };
     let found = world.on_first_rank(|| read(file).map(Some).map_err(|what| wrong(&what)))?;
     let table = shared(world, found).map_err(|what| wrong(&what))?;
-    let space = case.space.whole();
-    let axes = (space.x.iter().zip(0..)).chain(space.v.iter().zip(3..));
-    let ends = axes.map(|(axis, position)| (position, [axis.lower, axis.upper]));
-    for (position, ends) in ends.chain([(TIME, [case.begin, case.end])]) {
+    for (position, ends) in case.coordinate_ends() {
         if let Some(what) = table.beyond(position, ends) {
             return Err(wrong(&what));
         }

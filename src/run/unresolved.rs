@@ -1,7 +1,7 @@
 //! Warnings of parts of the case that the scheme does not resolve, and of settings without effect.
 
 use crate::base::text::{coordinate_text, counted, percent, short};
-use crate::problem::case::{Case, Inflow, Region, TIME, TableOf};
+use crate::problem::case::{Case, Inflow, Region, TableOf};
 use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -126,10 +126,7 @@ fn short_tables(case: &Case) -> Vec<String> {
 
 fn short_table(case: &Case, of: TableOf, formula: &Expression) -> Option<String> {
     let table = formula.table()?;
-    let PhaseSpace { x, v, .. } = case.space.whole();
-    let axes = (x.iter().zip(0..)).chain(v.iter().zip(3..));
-    let ends = axes.map(|(axis, position)| (position, [axis.lower, axis.upper]));
-    ends.chain([(TIME, [case.begin, case.end])]).find_map(|(position, [lower, upper])| {
+    case.coordinate_ends().into_iter().find_map(|(position, [lower, upper])| {
         let axis = table.axes().iter().find(|axis| axis.position == position)?;
         let [first, last] = table.ends(position)?;
         let most = (first - lower).max(upper - last) / (upper - lower);
