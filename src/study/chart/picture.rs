@@ -11,7 +11,7 @@ use crate::results::draw::extent::smallest_and_largest;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Figure, Panel, PlotAxis};
 use crate::study::chart::entry::{ChartEntry, PointOf};
-use crate::study::chart::programme::TOLERANCES;
+use crate::study::chart::programme::{CLASSICAL, TOLERANCES};
 use crate::study::chart::result::Chart;
 use crate::study::choices::PROPAGATORS;
 use crate::study::treatment::Treatment;
@@ -259,13 +259,8 @@ fn by_grid(entries: &[ChartEntry], of: &str) -> Vec<Panel> {
 
 /// Adds a series for each method, with the settings that were tried on all grids.
 fn methods(mut plot: Plot<'_>) -> Plot<'_> {
-    let classical = [
-        (Integrator::ForwardEuler, Limiter::None),
-        (Integrator::SspRk3, Limiter::None),
-        (Integrator::SspRk3, Limiter::Minmod),
-        (Integrator::SspRk3, Limiter::VanLeer),
-    ];
-    for (k, (integrator, limiter)) in classical.into_iter().enumerate() {
+    let by_steps = CLASSICAL.into_iter().filter(|(of, _)| *of != Integrator::Exponential);
+    for (k, (integrator, limiter)) in by_steps.enumerate() {
         let label = if limiter == Limiter::None { word(&integrator) } else { word(&limiter) };
         plot = plot.series(&label, Style::of(k), |e| {
             let usual = e.cfl.is_none_or(|cfl| cfl == DEFAULT_CFL) && !e.as_given;

@@ -17,7 +17,7 @@ const FACTORS: [usize; 2] = [2, 4];
 const FEWEST: usize = 3;
 
 /// Integrators and limiters that are compared, of degree 0.
-const CLASSICAL: [(Integrator, Limiter); 5] = [
+pub const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::ForwardEuler, Limiter::None),
     (Integrator::SspRk3, Limiter::None),
     (Integrator::SspRk3, Limiter::Minmod),
