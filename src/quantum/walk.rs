@@ -42,6 +42,7 @@
 //! nor below `τ` ([`calls_both_ways`]). The rotations of this sequence exist; they are not computed
 //! here.
 
+use crate::base::table::ColumnValues;
 use crate::propagate::chebyshev::degree;
 use crate::quantum::labelled_number::LabelledNumber;
 use serde::Serialize;
@@ -123,6 +124,20 @@ impl OracleQueries {
             queries_until_measured: evolutions.each_ref().map(|n| n.times(&queries)),
             queries,
         }
+    }
+
+    /// The numbers of `all` as columns of a table.
+    pub fn columns<'a>(all: impl Iterator<Item = &'a Self> + Clone) -> [ColumnValues; 5] {
+        let column = |name: &str, figure: fn(&Self) -> &LabelledNumber| {
+            LabelledNumber::column(name, all.clone().map(figure))
+        };
+        [
+            column("location_queries", |calls| &calls.location_queries),
+            column("value_queries", |calls| &calls.value_queries),
+            column("queries", |calls| &calls.queries),
+            column("queries_until_measured_repeated", |calls| &calls.queries_until_measured[0]),
+            column("queries_until_measured_amplified", |calls| &calls.queries_until_measured[1]),
+        ]
     }
 
     /// No numbers, for this reason.

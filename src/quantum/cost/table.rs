@@ -16,11 +16,8 @@ impl CostTable<'_> {
             LabelledNumber::column(name, self.0.iter().map(|(_, cost)| figure(cost)))
         };
         let none = OracleQueries::unavailable("a circuit calls no oracles");
-        let queries = |name: &str, figure: fn(&OracleQueries) -> &LabelledNumber| {
-            let all = self.0.iter().map(|(_, cost)| cost.queries.as_ref().unwrap_or(&none));
-            LabelledNumber::column(name, all.map(figure))
-        };
-        vec![
+        let queries = self.0.iter().map(|(_, cost)| cost.queries.as_ref().unwrap_or(&none));
+        let columns = [
             ColumnValues::new("set_up", self.0.iter().map(|&(name, _)| name.into())),
             ColumnValues::new(
                 "access",
@@ -49,12 +46,8 @@ impl CostTable<'_> {
             figures("until_measured_amplified", |cost| &cost.cheaper().gates_until_measured[1]),
             figures("gates_until_measured", Cost::measured),
             figures("gates_until_measured_2k", |cost| &cost.gates_until_measured_2k),
-            queries("location_queries", |calls| &calls.location_queries),
-            queries("value_queries", |calls| &calls.value_queries),
-            queries("queries", |calls| &calls.queries),
-            queries("queries_until_measured_repeated", |calls| &calls.queries_until_measured[0]),
-            queries("queries_until_measured_amplified", |calls| &calls.queries_until_measured[1]),
-        ]
+        ];
+        columns.into_iter().chain(OracleQueries::columns(queries)).collect()
     }
 }
 

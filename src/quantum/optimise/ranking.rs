@@ -5,6 +5,7 @@ use crate::base::text::shortened;
 use crate::problem::case::{Delta, ProfileChoice};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::candidate::CostedChoice;
+use crate::quantum::walk::OracleQueries;
 use serde::Serialize;
 use std::fmt;
 
@@ -69,17 +70,9 @@ impl Ranking {
             figures("gates_until_measured", CostedChoice::measured),
             figures("gates_until_measured_2k", |choice| &choice.gates_until_measured_2k),
             words("unavailable_because", |choice| choice.why_not().map(str::to_owned)),
-            figures("location_queries", |choice| &choice.queries.location_queries),
-            figures("value_queries", |choice| &choice.queries.value_queries),
-            figures("queries", |choice| &choice.queries.queries),
-            figures("queries_until_measured_repeated", |choice| {
-                &choice.queries.queries_until_measured[0]
-            }),
-            figures("queries_until_measured_amplified", |choice| {
-                &choice.queries.queries_until_measured[1]
-            }),
         ];
-        columns.into_iter().filter(|column| !column.is_empty()).collect()
+        let queries = OracleQueries::columns(self.0.iter().map(|choice| &choice.queries));
+        columns.into_iter().chain(queries).filter(|column| !column.is_empty()).collect()
     }
 }
 
