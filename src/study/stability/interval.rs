@@ -47,8 +47,6 @@ struct IntervalErrors {
     right: Vec<CurvePoint>,
     /// Intervals that took too long.
     skipped: usize,
-    /// Whether the budget ended before all were tried.
-    ended: bool,
 }
 
 /// The shortest interval that a run accepts, and the error there, if the budget held that run.
@@ -94,13 +92,12 @@ impl IntervalTrials {
     }
 
     /// Errors of all intervals: the left end moves from far enough to too close, the right end from
-    /// too close to far enough. Collective.
-    fn errors(&mut self, task: &PanelTask<'_>) -> Result<IntervalErrors> {
+    /// too close to far enough. A note says where the budget ended them. Collective.
+    fn errors(&mut self, task: &PanelTask<'_>, notes: &mut Vec<String>) -> Result<IntervalErrors> {
         let mut errors = IntervalErrors::default();
         let (far, longest) = (self.far, 1.25 * self.needed);
         for k in 0..=LENGTHS {
-            if task.budget.is_over() {
-                errors.ended = true;
+            if task.is_over(notes) {
                 break;
             }
             let part = f64::from(k) / f64::from(LENGTHS);
@@ -173,10 +170,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     case.warp.weights = true;
     let mut notes = grid_notes(task.case, &case);
     let mut intervals = IntervalTrials::new(task, &case)?;
-    let errors = intervals.errors(task)?;
-    if errors.ended {
-        notes.push("curves end where the budget did".to_owned());
-    }
+    let errors = intervals.errors(task, &mut notes)?;
     if errors.left.is_empty() && errors.right.is_empty() {
         return Err(Error::input("intervals that are long enough take too long here"));
     }
