@@ -512,7 +512,6 @@ pub struct Summary {
     /// `error_density_l2` relative to (∫ ρ_exact² dx)^½.
     pub error_density_l2_relative: Option<f64>,
     /// Estimate of the relative L1 error of ρ_exact itself, if it is integrated over velocities.
-    #[serde(default)]
     pub exact_density_error: Option<f64>,
     /// Σ_a ∫ |m_a − m_exact,a| dx.
     pub error_momentum_l1: Option<f64>,
