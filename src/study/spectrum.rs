@@ -102,7 +102,7 @@ impl MeasuredSpectra {
                     found.push(GridSpectrum {
                         refinement,
                         system: *system,
-                        ..on_grid(world, case, &bounds, plan, steps)?
+                        ..measured_on(world, case, &bounds, plan, steps)?
                     });
                 }
             }
@@ -131,7 +131,7 @@ fn plan(world: &World, case: &Case) -> Result<ProvisionalPlan> {
 }
 
 /// The spectrum of one system on one grid. The caller fills in `refinement` and `system`.
-fn on_grid(
+fn measured_on(
     world: &World,
     case: &Case,
     bounds: &Bounds,

@@ -12,7 +12,7 @@ const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e
 const SEMIDISCRETE: [f64; 5] = [1e-2, 1e-4, 1e-6, 1e-8, 1e-10];
 
 /// A number of few digits as text: `0.03`, `1e-5`.
-pub fn short(x: f64) -> String {
+fn accuracy_text(x: f64) -> String {
     if (0.001..1.0).contains(&x) { format!("{x}") } else { format!("{x:.0e}") }
 }
 
@@ -71,13 +71,13 @@ impl CheapestByAccuracy<'_> {
         let mut parts: Vec<String> = (winners.iter())
             .map(|(within, e)| {
                 let (name, cost) = ((self.name)(e), (self.cost)(e));
-                format!("within {} {name}, {cost}", short(*within))
+                format!("within {} {name}, {cost}", accuracy_text(*within))
             })
             .collect();
         if let Some(missed) = missed {
             parts.push(format!(
                 "none came within {} (closest: {}, {}{})",
-                short(missed),
+                accuracy_text(missed),
                 (self.name)(closest),
                 figures(closest_error),
                 (self.left_out)(chart, closest)
@@ -87,7 +87,7 @@ impl CheapestByAccuracy<'_> {
     }
 }
 
-fn seconds_text(e: &ChartEntry) -> String {
+fn measured_time_text(e: &ChartEntry) -> String {
     e.seconds.map_or(String::new(), time_text)
 }
 
@@ -143,7 +143,7 @@ fn of_exact(chart: &Chart, kind: &str, entries: &[&ChartEntry]) -> Option<String
         accuracies: &EXACT,
         point: |e| Some([e.seconds?, e.error_exact?]),
         name: |e| format!("{} on {}", e.name(), e.grid),
-        cost: seconds_text,
+        cost: measured_time_text,
         left_out: left_out_on_any_grid,
     };
     let text = sentence_of.text(chart)?;
@@ -158,12 +158,12 @@ fn of_semidiscrete(chart: &Chart, kind: &str, entries: &[&ChartEntry]) -> Option
         accuracies: &SEMIDISCRETE,
         point: |e| Some([e.seconds?, e.error_semidiscrete?]),
         name: ChartEntry::name,
-        cost: seconds_text,
+        cost: measured_time_text,
         left_out: left_out_on_grid,
     };
     let reference = entries.iter().find(|e| e.is_reference());
     let also = reference.map_or(String::new(), |e| {
-        let seconds = seconds_text(e);
+        let seconds = measured_time_text(e);
         format!(" (the exponential is that solution to round-off: {seconds})")
     });
     let (text, grid) = (sentence_of.text(chart)?, &chart.compared_on);

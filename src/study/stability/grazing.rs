@@ -174,7 +174,7 @@ fn highest_in(low: f64, high: f64, of: impl Fn(f64) -> f64) -> f64 {
 
 /// The numbers below `count`, in an order of which each beginning is spread evenly: by reversed
 /// bits.
-fn spread(count: usize) -> impl Iterator<Item = usize> {
+fn evenly_ordered(count: usize) -> impl Iterator<Item = usize> {
     let bits = count.next_power_of_two().trailing_zeros();
     (0..count.next_power_of_two())
         .map(move |k| k.reverse_bits() >> (usize::BITS - bits).min(usize::BITS - 1))
@@ -213,7 +213,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     }
     let before = points.len();
     let located: Vec<f64> = points[1..].iter().map(|p| p.x).collect();
-    for k in spread(HEIGHTS) {
+    for k in evenly_ordered(HEIGHTS) {
         if budget.is_over() {
             notes.push(format!("{} of {HEIGHTS} heights tried", points.len() - before));
             break;
@@ -300,10 +300,10 @@ mod tests {
     #[test]
     fn every_number_once_and_evenly() {
         for count in [1, 2, 5, 64] {
-            let mut all: Vec<usize> = spread(count).collect();
+            let mut all: Vec<usize> = evenly_ordered(count).collect();
             all.sort_unstable();
             assert_eq!(all, (0..count).collect::<Vec<_>>());
         }
-        assert_eq!(spread(8).take(4).collect::<Vec<_>>(), [0, 4, 2, 6]);
+        assert_eq!(evenly_ordered(8).take(4).collect::<Vec<_>>(), [0, 4, 2, 6]);
     }
 }
