@@ -85,23 +85,15 @@ impl Flux {
     }
 }
 
-/// Propagators that are compared, with their names.
-pub const PROPAGATORS: [(&str, PropagatorMethod); 4] = [
-    ("Chebyshev", PropagatorMethod::Chebyshev),
-    ("Krylov", PropagatorMethod::Krylov),
+/// Propagators that are compared and meet a tolerance by themselves.
+pub const EXACT_PROPAGATORS: [PropagatorMethod; 2] =
+    [PropagatorMethod::Chebyshev, PropagatorMethod::Krylov];
+
+/// Propagators that are compared and whose error is that of their time step, with their names.
+pub const IMPLICIT_PROPAGATORS: [(&str, PropagatorMethod); 2] = [
     ("Crank-Nicolson", PropagatorMethod::CrankNicolson),
     ("backward Euler", PropagatorMethod::BackwardEuler),
 ];
-
-/// Propagators that meet a tolerance by themselves.
-pub fn exact_propagators() -> impl Iterator<Item = PropagatorMethod> {
-    PROPAGATORS.into_iter().map(|(_, method)| method).filter(|method| method.order() == 0)
-}
-
-/// Propagators whose error is that of their time step, with their names.
-pub fn implicit_propagators() -> impl Iterator<Item = (&'static str, PropagatorMethod)> {
-    PROPAGATORS.into_iter().filter(|(_, method)| method.order() > 0)
-}
 
 /// The choices that determine the rows of `A`, in addition to grid and potential.
 pub fn row_choices(case: &Case) -> String {

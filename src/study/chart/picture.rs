@@ -13,7 +13,7 @@ use crate::results::figure::{Figure, Panel, PlotAxis};
 use crate::study::chart::entry::{ChartEntry, PointOf};
 use crate::study::chart::programme::{CLASSICAL, TOLERANCES};
 use crate::study::chart::result::Chart;
-use crate::study::choices::PROPAGATORS;
+use crate::study::choices::{EXACT_PROPAGATORS, IMPLICIT_PROPAGATORS};
 use crate::study::treatment::Treatment;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";
@@ -188,19 +188,20 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let axes = ["seconds", SEMIDISCRETE].map(PlotAxis::log);
     let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
     let first = profiles(entries).into_iter().next().unwrap_or_default();
-    let count = PROPAGATORS.len();
-    for (k, (_, method)) in PROPAGATORS.into_iter().enumerate() {
+    let implicit = IMPLICIT_PROPAGATORS.map(|(_, method)| method);
+    let propagators = [&EXACT_PROPAGATORS[..], &implicit].concat();
+    for (k, &method) in propagators.iter().enumerate() {
         plot = plot.series(&format!("{first}, {}", word(&method)), Style::of(k), |e| {
             has_profile(e, &first) && has_usual_treatment(e) && e.propagator == Some(method)
         });
     }
     for (k, integrator) in [Integrator::ForwardEuler, Integrator::SspRk3].into_iter().enumerate() {
-        let style = Style::of(count + k).hollow();
+        let style = Style::of(propagators.len() + k).hollow();
         plot = plot.series(&word(&integrator), style, |e| e.integrator == Some(integrator));
     }
     for (dash, method) in [(1, PropagatorMethod::CrankNicolson), (2, PropagatorMethod::Chebyshev)] {
         let label = format!("the paper's, {}", word(&method));
-        let style = Style::of(count + 2).dashed(dash);
+        let style = Style::of(propagators.len() + 2).dashed(dash);
         plot = plot.series(&label, style, |e| e.paper && e.propagator == Some(method));
     }
     plot.panel

@@ -6,7 +6,7 @@ use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
 use crate::study::chart::setup::{Modes, Setup};
-use crate::study::choices::{Flux, PROFILES, exact_propagators, implicit_propagators};
+use crate::study::choices::{EXACT_PROPAGATORS, Flux, IMPLICIT_PROPAGATORS, PROFILES};
 use crate::study::grids::Grids;
 use crate::study::treatment::Treatment;
 
@@ -260,12 +260,12 @@ impl Programme {
             }
         };
         for tolerance in TOLERANCES {
-            for propagator in exact_propagators() {
+            for propagator in EXACT_PROPAGATORS {
                 extend(Modes { tolerance, propagator, ..base });
             }
         }
         for steps in STEPS {
-            for (_, propagator) in implicit_propagators() {
+            for (_, propagator) in IMPLICIT_PROPAGATORS {
                 extend(stepped(base, propagator, steps));
             }
         }
@@ -304,7 +304,7 @@ fn stepped(base: Modes, propagator: PropagatorMethod, steps: usize) -> Modes {
 }
 
 fn implicit(base: Modes, steps: usize) -> impl Iterator<Item = Setup> {
-    implicit_propagators().map(move |(_, method)| stepped(base, method, steps).into())
+    IMPLICIT_PROPAGATORS.into_iter().map(move |(_, method)| stepped(base, method, steps).into())
 }
 
 fn paper(points: usize) -> Setup {

@@ -2,7 +2,7 @@
 
 use crate::base::error::Error;
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
-use crate::study::choices::implicit_propagators;
+use crate::study::choices::IMPLICIT_PROPAGATORS;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
@@ -151,7 +151,8 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     (case.tolerance, case.verify) = (TOLERANCE, true);
     plan_series(&mut case.warp);
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
-    let all: Vec<ImplicitSteps> = implicit_propagators()
+    let all: Vec<ImplicitSteps> = IMPLICIT_PROPAGATORS
+        .into_iter()
         .map(|(name, method)| ImplicitSteps::measure(task, &case, name, method))
         .collect();
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
