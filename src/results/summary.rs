@@ -613,8 +613,8 @@ impl Summary {
         (own > LARGEST_EXACT_ERROR * error).then(|| {
             format!(
                 "the exact density is known to {own:.0e} only (relative L1, estimated), and the \
-                 density's error of {error:.1e} is measured against it: the exact f varies too fast \
-                 along the velocities to be integrated, as after jumps of V, which leave filaments"
+                 density's error of {error:.1e} is measured against it: the exact f varies too \
+                 fast along the velocities to be integrated, as in filaments behind jumps of V"
             )
         })
     }

@@ -108,8 +108,8 @@ pub fn refuse_foreign(world: &World, directory: &Path) -> Result<()> {
 /// `request`. The choice is reported. Collective.
 ///
 /// # Errors
-/// As [`advise`]; [`Error::Input`] if nothing is advised, or only what takes far too long beside the
-/// budget.
+/// As [`advise`]; [`Error::Input`] if nothing is advised, or only what takes more than
+/// [`TOO_LONG_RUN`] times the budget.
 pub fn chosen(world: &World, case: &Case, request: Request) -> Result<Case> {
     let Request { accuracy, budget } = request;
     let advised = advise(world, case, request)?;

@@ -244,7 +244,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         };
         let Some(finest) = result.grids.last().cloned() else {
             // One grid, and none to compare it with.
-            return Ok(result);
+            return self.or_own_grid(result);
         };
         (result.shape, result.error) = (finest.shape.clone(), finest.error);
         let wanted = self.wanted;
@@ -440,16 +440,33 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// Replaces `found` by the case's own grid, if that was tried and reaches the wanted error, and
     /// has fewer cells or `found` does not reach the error. Collective.
     fn or_own_grid(&mut self, mut found: ReachedGrid) -> Result<ReachedGrid> {
-        let Goal { scheme, own, .. } = self.goal;
-        let better = found.error > self.wanted || cells(own) < cells(&found.shape);
+        let (own, wanted) = (self.goal.own, self.wanted);
+        let reaches = |error: f64| error <= wanted;
+        let better = !reaches(found.error) || cells(own) < cells(&found.shape);
         if better
-            && self.trials.has_run(scheme, own)
-            && let Some(error) = self.trials.error(scheme, own)?
-            && error <= self.wanted
+            && let Some(known) = self.error_on_own(&found.order)?
+            && reaches(known.error)
         {
-            (found.shape, found.error, found.known) = (own.to_vec(), error, Evidence::Measured);
+            (found.shape, found.error, found.known) = (own.to_vec(), known.error, known.known);
         }
         Ok(found)
+    }
+
+    /// The error on the case's own grid; `None` if it was not tried, or without an exact solution
+    /// no grid twice as fine. Collective.
+    fn error_on_own(&mut self, order: &Order) -> Result<Option<DensityError>> {
+        let Goal { scheme, own, .. } = self.goal;
+        let twice = self.grids().twice(own);
+        let is_tried = self.trials.has_run(scheme, own)
+            && (self.trials.has_exact() || self.trials.has_run(scheme, &twice));
+        if !is_tried {
+            return Ok(None);
+        }
+        if let Some(error) = self.trials.error(scheme, own)? {
+            return Ok(Some(DensityError { error, known: Evidence::Measured }));
+        }
+        let error = order.error(self.distance(own, &twice)?);
+        Ok(Some(DensityError { error, known: Evidence::Estimated }))
     }
 }
 
