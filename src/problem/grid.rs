@@ -12,6 +12,8 @@ mod axis;
 pub use crate::problem::grid::axis::{Axis, AxisPart};
 
 use crate::base::row_major::number;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::ops::Range;
 
 /// The product of `n` space axes and `n` velocity axes.
@@ -252,6 +254,31 @@ impl PhaseSpace {
             point[3 + a] = self.v[a].centre(cell[n + a] as i64);
         }
         point
+    }
+
+    /// `count` random points of the box, the same in every call.
+    pub fn random_points(&self, count: usize) -> Vec<[f64; 6]> {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let n = self.dimension();
+        let mut points = vec![[0.0; 6]; count];
+        for point in &mut points {
+            for (k, axis) in self.axes().enumerate() {
+                let part = f64::from(random.next_u32()) / 2f64.powi(32);
+                let at = if k < n { k } else { 3 + k - n };
+                point[at] = axis.lower + part * (axis.upper - axis.lower);
+            }
+        }
+        points
+    }
+
+    /// The [`point`](Self::point) of the cell that holds `point`, or is nearest to it.
+    pub fn nearest_centre(&self, point: &[f64; 6]) -> [f64; 6] {
+        let mut cell = [0; 6];
+        let n = self.dimension();
+        for (k, axis) in self.axes().enumerate() {
+            cell[k] = axis.cell_at(point[if k < n { k } else { 3 + k - n }]);
+        }
+        self.point(&cell)
     }
 
     /// The [`point`](Self::point) of a cell. If it is on a face of space, it is moved inside its

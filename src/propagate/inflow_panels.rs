@@ -8,8 +8,6 @@
 use crate::base::quadrature::{gauss_legendre, legendre_values};
 use crate::problem::case::Case;
 use crate::problem::grid::MAX_DIMENSION;
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// Nodes of Gauss's rule on a panel.
 pub const NODES: usize = 16;
@@ -29,6 +27,8 @@ const SAMPLES: usize = 64;
 /// Random points at the ends of the box, and times at which `b` is compared there.
 const CANDIDATES: usize = 4096;
 const TIMES: usize = 64;
+/// The golden ratio.
+const GOLDEN: f64 = 1.618_033_988_749_895;
 
 /// Panels over a run.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,26 +106,23 @@ struct SampledInflow<'a> {
 
 impl<'a> SampledInflow<'a> {
     fn new(case: &'a Case) -> Self {
-        let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut part = || f64::from(random.next_u32()) / 2f64.powi(32);
-        let n = case.space.dimension();
-        let mut points = Vec::with_capacity(CANDIDATES);
-        for k in 0..CANDIDATES {
-            let (end, at_upper) = ((k / 2) % (2 * n), k % 2 == 1);
-            let mut point = [0.0; 2 * MAX_DIMENSION];
-            for (a, axis) in case.space.axes().enumerate() {
-                let at = if a < n { a } else { MAX_DIMENSION + a - n };
-                point[at] = match a == end {
-                    true => axis.just_outside(at_upper),
-                    false => axis.lower + part() * (axis.upper - axis.lower),
-                };
-            }
-            points.push(point);
+        let (n, space) = (case.space.dimension(), &case.space);
+        let ends: Vec<_> = space
+            .axes()
+            .enumerate()
+            .flat_map(|(k, axis)| [false, true].map(|up| (k, axis, up)))
+            .collect();
+        let mut points = space.random_points(CANDIDATES);
+        for (point, (k, axis, at_upper)) in points.iter_mut().zip(ends.iter().cycle()) {
+            let at = if *k < n { *k } else { MAX_DIMENSION + k - n };
+            point[at] = axis.just_outside(*at_upper);
         }
         let formula = case.fields[0].entering();
         let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; CANDIDATES];
         for k in 0..TIMES {
-            let time = case.begin + case.duration() * (k as f64 + part()) / TIMES as f64;
+            // No period fits the distances of these times.
+            let part = (k as f64 * GOLDEN).fract();
+            let time = case.begin + case.duration() * (k as f64 + part) / TIMES as f64;
             for ([least, most], value) in ranges.iter_mut().zip(formula.at_points(&points, time)) {
                 (*least, *most) = (least.min(value), most.max(value));
             }

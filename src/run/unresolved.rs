@@ -1,7 +1,7 @@
 //! Warnings of parts of the case that the scheme does not resolve, and of settings without effect.
 
 use crate::base::text::{coordinate_text, counted, percent, short};
-use crate::problem::case::{Case, Inflow, Region, TableOf};
+use crate::problem::case::{Case, Data, Inflow, Region, TableOf};
 use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -12,16 +12,55 @@ use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatche
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
 const BEYOND: f64 = 0.1;
 
-/// Warnings of values of `V` between the points of the scheme, of settings without effect, and of
-/// tables that end early.
+/// Warnings of values of `V` between the points of the scheme, of data that vary within cells, of
+/// settings without effect, and of tables that end early.
 pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas =
         largest_mismatches(case).into_iter().map(|found| between_points(case, &found));
     of_formulas
+        .chain(variation_in_cells(case))
         .chain(idle_degree(case))
         .chain(idle_reflections(case))
         .chain(short_tables(case))
         .collect()
+}
+
+/// The warning of initial data that vary so much within the cells of degree 0 that their values at
+/// the centres do not show it, nor does an estimate of the grid's error.
+fn variation_in_cells(case: &Case) -> Option<String> {
+    /// Random points, and the fewest at which there must be data.
+    const POINTS: usize = 4096;
+    const LEAST: usize = 64;
+    /// Values below this part of the largest one do not count as data.
+    const NOTHING: f64 = 1e-3;
+    /// The largest relative L2 distance of the data from their values at the centres.
+    const LARGE: f64 = 0.5;
+    let starts_elsewhere = case.start.is_some() || case.start_field.is_some();
+    if starts_elsewhere || case.space.degree() > 0 || !matches!(case.data, Data::Density) {
+        return None;
+    }
+    let points = case.space.random_points(POINTS);
+    let centres: Vec<_> = points.iter().map(|point| case.space.nearest_centre(point)).collect();
+    let initial = &case.fields[0].initial;
+    let [at_points, at_centres] = [&points, &centres].map(|points| initial.at_points(points, 0.0));
+    let largest = at_points.iter().fold(0.0, |most: f64, f| most.max(f.abs()));
+    if at_points.iter().filter(|f| f.abs() > NOTHING * largest).count() < LEAST {
+        return None;
+    }
+    let [mut distance, mut norm] = [0.0; 2];
+    for (f, centre) in at_points.iter().zip(&at_centres) {
+        distance += (f - centre) * (f - centre);
+        norm += f * f;
+    }
+    let relative = (distance / norm).sqrt();
+    (relative > LARGE).then(|| {
+        format!(
+            "initial.f varies within the cells: their values at the centres are {} off (relative \
+             L2), which an estimate of the grid's error does not see; take more cells or a \
+             scheme.degree above 0",
+            percent(relative)
+        )
+    })
 }
 
 /// The key that gives `V` in a region.

@@ -138,6 +138,23 @@ fn oblique_edges_give_a_warning() {
     assert!(!finished.output.contains("its edge at"), "{}", finished.report("a slope"));
 }
 
+/// Data that vary within the cells of degree 0 cause a warning; finer cells and elements hold them.
+#[test]
+fn data_that_vary_within_cells_give_a_warning() {
+    // The centres of 32 cells are zeros of the wave.
+    let wave = "initial.f=(1 + cos(2*pi*16*(x + 1.5)/3))*exp(-(v - 0.5)^2/0.1)";
+    let rows: [(&[&str], bool); 3] = [
+        (&["axis.0.x.cells=32"], true),
+        (&["axis.0.x.cells=256"], false),
+        (&["axis.0.x.cells=32", "scheme.degree=3"], false),
+    ];
+    check_all(&rows, |(settings, warns)| {
+        let finished = check("example1.toml").set(&[wave]).set(settings).succeed()?;
+        let found = finished.output.contains("initial.f varies within the cells");
+        require(found == *warns, &finished, || format!("warns: {found}"))
+    });
+}
+
 /// Keys without effect and initial data that are zero on the grid cause warnings.
 #[test]
 fn keys_without_effect_and_zero_data_give_a_warning() {

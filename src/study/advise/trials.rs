@@ -5,7 +5,7 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{AllowedReductions, Case, Exact, Limiter};
 use crate::problem::exact::{MostCells, Tracer, traced_cells};
-use crate::problem::grid::{Axis, AxisPart, MAX_DIMENSION, averaged};
+use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::errors::quadrature_points;
 use crate::run::exact::velocities::first_points;
 use crate::scheme::reduce::reduced;
@@ -15,8 +15,6 @@ use crate::study::cost::{CostModel, TrialSeconds, planned_updates, planned_work}
 use crate::study::density::{density_of, distance, exact_density, spread};
 use crate::study::grids::{Grids, of_degree};
 use crate::study::trial::trial;
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::collections::BTreeMap;
 
 /// Updates that an application to an unknown of one mode counts as: eight modes pass through memory
@@ -80,21 +78,12 @@ fn updates_per_exact_value(case: &Case, exact: &Exact) -> Result<f64> {
         return Ok(UPDATES_PER_FORMULA);
     }
     let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
-    let mut random = ChaCha8Rng::seed_from_u64(1);
-    let n = case.space.dimension();
-    let mut segments = 0;
-    for _ in 0..TRACED {
-        let mut point = [0.0; 2 * MAX_DIMENSION];
-        for (k, axis) in case.space.axes().enumerate() {
-            let part = f64::from(random.next_u32()) / 2f64.powi(32);
-            let at = if k < n { k } else { MAX_DIMENSION + k - n };
-            point[at] = axis.lower + part * (axis.upper - axis.lower);
-        }
-        segments += tracer.follow(&point, case.end).segments;
-    }
+    let points = case.space.random_points(TRACED);
+    let segments: usize = points.iter().map(|at| tracer.follow(at, case.end).segments).sum();
     // Where V is curved, a segment is a cell of the tracer.
     let cells = |most: MostCells| traced_cells(case, most) as f64;
-    let finer = (cells(MostCells::EXACT) / cells(MostCells::ESTIMATES)).powf(1.0 / n as f64);
+    let finer = (cells(MostCells::EXACT) / cells(MostCells::ESTIMATES))
+        .powf(1.0 / case.space.dimension() as f64);
     let segments = finer * segments as f64 / TRACED as f64;
     Ok(UPDATES_PER_FORMULA + UPDATES_PER_SEGMENT * segments)
 }
