@@ -32,7 +32,7 @@ use crate::problem::grid::Axis;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
 use crate::propagate::descriptor;
-use crate::propagate::inflow_panels::InflowPanels;
+use crate::propagate::inflow_panels::{InflowPanels, MOST};
 use crate::propagate::method::{PropagatorSetting, RunWork};
 use crate::scheme::rows::transport_rate;
 use crate::schrodingerization::profile::Profile;
@@ -144,14 +144,21 @@ fn refuse_fast_inflow(case: &Case) -> Result<()> {
     let is_classical = case.method == Method::Classical;
     let needed =
         if is_classical { case.integrator == Integrator::Exponential } else { case.verify };
-    if !case.varies() || !needed || InflowPanels::new(case, f64::INFINITY).resolved {
+    if !case.varies() || !needed {
         return Ok(());
     }
-    let what = match is_classical {
-        true => "the classical exponential; solver.classical.integrator = \"ssp-rk3\" takes steps",
-        false => "solver.verify; leave it out",
+    let Some(from) = InflowPanels::new(case, f64::INFINITY).unresolved_from else { return Ok(()) };
+    let instead = match is_classical {
+        true => "solver.classical.integrator = \"ssp-rk3\" takes steps instead",
+        false => "without solver.verify it is not needed",
     };
-    Err(Error::Input(format!("{}: inflow.value varies too fast in time for {what}", case.name)))
+    Err(Error::Input(format!(
+        "{}: {}: its integral over time takes more than {MOST} panels, as it varies too fast from \
+         t = {} on; {instead}",
+        case.name,
+        case.fields[0].entering().place(),
+        short(case.begin + from)
+    )))
 }
 
 impl Plan {

@@ -1,5 +1,6 @@
 //! Reads the case of a command, and names the default directory of its results.
 
+use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::command::cli::{CaseArgs, Changes, Mode};
@@ -86,7 +87,7 @@ pub fn load_continued(
     }
     let case = with_tables(&group, &case)?.into_owned();
     for file in &case.tables {
-        let (key, sum) = (file.of.key(), file.checksum.map(|sum| format!("{sum:016x}")));
+        let (key, sum) = (file.of.key(), file.checksum.map(checksum::text));
         if found.tables.get(&key).is_some_and(|before| sum.as_ref() != Some(before)) {
             return Err(Error::Input(format!(
                 "--continue {}: {key}.file = \"{}\" has changed since the first part; \
@@ -105,19 +106,22 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
         Error::Input(format!("--continue {}: {what}", directory.display()))
     };
     let stored = untrusted::open(directory)?;
-    if store::is_begun(&directory.join("checkpoint")) {
+    if store::is_begun(&store::folder(directory)) {
         return Err(wrong(&"a run there is not finished; --resume finishes it"));
     }
     stored.summary.as_ref().map_err(|e| wrong(e))?;
     let case = stored.case.as_ref().map_err(|e| wrong(e))?;
     let time = stored.time;
     let refused = |what: String| wrong(&format!("--until {until}: {what}"));
+    let own = overrides(changes);
+    let keys: Vec<&str> = own.iter().map(|set| key_of(set)).collect();
+    if until.parse::<f64>().is_err() && keys.iter().any(|key| key.starts_with("constants")) {
+        return Err(refused("a formula of constants that --set changes; a number expected".into()));
+    }
     let until = number_of(until, &case.constants).map_err(&refused)?;
     if !(until > time && until.is_finite()) {
         return Err(refused(format!("its results are at t = {time}; a later time expected")));
     }
-    let own = overrides(changes);
-    let keys: Vec<&str> = own.iter().map(|set| key_of(set)).collect();
     if let Some(key) = keys.iter().find(|key| KEYS_OF_CONTINUATION.contains(key)) {
         return Err(wrong(&format!(
             "--set {key}: that follows from DIR and --until; leave it out"

@@ -72,20 +72,18 @@ pub fn duhamel_panels(case: &Case, rate: f64) -> InflowPanels {
     InflowPanels::new(case, LONGEST_PANEL / rate)
 }
 
-/// Applications of `A` that [`Classical::duhamel`] takes.
+/// Applications of `A` that [`Classical::duhamel`] takes, but for the part of the last panel after
+/// its last node, which counts as the part before its first.
 pub fn duhamel_applications(rate: f64, panels: &InflowPanels) -> usize {
     let rule = gauss_legendre(NODES);
     let mut now = 0.0;
-    let mut applications =
-        |at: f64| poisson_window(rate * (at - std::mem::replace(&mut now, at)), EXACT).end;
-    let mut all = 0;
-    for panel in panels.each() {
-        for point in &rule {
-            all += applications(point.moved_to(panel).node);
-        }
-    }
-    // The part after the last node.
-    all + panels.ends.last().map_or(0, |end| applications(*end))
+    panels.sum(|part| {
+        let applications = |point: &QuadraturePoint| {
+            let at = point.moved_to(part).node;
+            poisson_window(rate * (at - std::mem::replace(&mut now, at)).max(0.0), EXACT).end
+        };
+        rule.iter().map(applications).sum()
+    })
 }
 
 /// The length of a propagation, and the largest rate of change.

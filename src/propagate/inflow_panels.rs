@@ -1,20 +1,21 @@
 //! Panels in time on which the inflow `b(t)` is smooth, for integrals over time by Gauss's rule.
 //!
 //! A panel of [`FIRST`] equal ones is halved until the Legendre series of `b` on it has decayed at
-//! the last of [`NODES`] coefficients, at [`SAMPLES`] points of the ends of the box. What is
-//! shorter than [`SHORTEST`] of the whole is not halved: `b` jumps there. Neighbours are merged
-//! again where `b` is smooth on both together, so that a jump takes three panels.
+//! the last of [`NODES`] coefficients and has the values at both ends of the panel, at some points
+//! of every end of the box. What is shorter than [`SHORTEST`] of the whole is not halved: `b` jumps
+//! there. Neighbours are merged again where `b` is smooth on both together, so that a jump takes
+//! two or three panels more.
 
 use crate::base::quadrature::{gauss_legendre, legendre_values};
 use crate::problem::case::Case;
-use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::grid::Axis;
 
 /// Nodes of Gauss's rule on a panel.
 pub const NODES: usize = 16;
 /// Number of panels to begin with.
 const FIRST: usize = 32;
 /// Largest number of panels.
-const MOST: usize = 1 << 14;
+pub const MOST: usize = 1 << 14;
 /// Length, as a part of the whole, below which a panel is not halved.
 const SHORTEST: f64 = 1e-12;
 /// The last coefficients of a decayed series, relative to the largest `|b|`. Those that Gauss's
@@ -22,22 +23,43 @@ const SHORTEST: f64 = 1e-12;
 const DECAYED: f64 = 1e-8;
 /// Largest distance of the series from the values at the ends, relative to the largest `|b|`.
 const AT_ENDS: f64 = 1e-6;
-/// Points at which panels are tested: of [`CANDIDATES`] those where `b` varies most.
-const SAMPLES: usize = 64;
-/// Random points at the ends of the box, and times at which `b` is compared there.
+/// Points at all ends of the box at which `b` is compared at [`TIMES`] times. There are at most as
+/// many of an end as it has nodes with entering velocities.
 const CANDIDATES: usize = 4096;
 const TIMES: usize = 64;
-/// The golden ratio.
+/// Of these, the number of points at which panels are tested, shared out equally to the ends: half
+/// of them where `b` has the largest range, half where it varies most from time to time.
+const SAMPLES: usize = 64;
+/// The golden ratio: the parts of `k` times it beyond whole numbers are evenly spread.
 const GOLDEN: f64 = 1.618_033_988_749_895;
+
+/// A panel, cut into equal parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Panel {
+    begin: f64,
+    end: f64,
+    parts: usize,
+}
+
+impl Panel {
+    /// Its parts, in order.
+    fn each(self) -> impl Iterator<Item = [f64; 2]> {
+        let length = self.end - self.begin;
+        let face = move |k: usize| match k == self.parts {
+            true => self.end,
+            false => self.begin + length * k as f64 / self.parts as f64,
+        };
+        (0..self.parts).map(move |k| [face(k), face(k + 1)])
+    }
+}
 
 /// Panels over a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InflowPanels {
-    /// Their ends, from 0 to the duration of the run, ascending.
-    pub ends: Vec<f64>,
-    /// Whether the inflow is smooth on each, but for those shorter than round-off. Otherwise it
-    /// varies too fast.
-    pub resolved: bool,
+    panels: Vec<Panel>,
+    /// The time after the begin of the run from which on the inflow varies too fast for [`MOST`]
+    /// panels; `None` if it is smooth on each, but for those shorter than round-off.
+    pub unresolved_from: Option<f64>,
 }
 
 impl InflowPanels {
@@ -48,49 +70,53 @@ impl InflowPanels {
         let inflow = SampledInflow::new(case);
         let first = (0..FIRST).map(|k| [k, k + 1].map(|k| duration * k as f64 / FIRST as f64));
         let mut stack: Vec<[f64; 2]> = first.rev().collect();
-        let mut panels: Vec<[f64; 2]> = Vec::new();
-        let shortest = SHORTEST * duration;
-        let mut resolved = true;
+        let mut smooth: Vec<[f64; 2]> = Vec::new();
+        let (shortest, widest) = (SHORTEST * duration, duration / FIRST as f64 * (1.0 + 1e-12));
+        let mut unresolved_from = None;
         while let Some(panel) = stack.pop() {
             let [begin, end] = panel;
-            let is_last = panels.len() + stack.len() >= MOST;
-            if end - begin <= shortest || inflow.is_smooth_on(panel) || is_last {
-                resolved &= !is_last;
-                panels.push(panel);
-            } else {
-                let middle = 0.5 * (begin + end);
-                stack.extend([[middle, end], [begin, middle]]);
-            }
-        }
-        let widest = duration / FIRST as f64 * (1.0 + 1e-12);
-        let mut merged: Vec<[f64; 2]> = Vec::new();
-        for panel in panels {
-            let length = |panel: &[f64; 2]| panel[1] - panel[0];
-            match merged.last_mut() {
-                // What is shorter stays, as it holds a jump.
-                Some(last)
-                    if resolved
-                        && length(last).min(length(&panel)) > shortest
-                        && panel[1] - last[0] <= widest
-                        && inflow.is_smooth_on([last[0], panel[1]]) =>
-                {
-                    last[1] = panel[1];
+            let is_short = end - begin <= shortest;
+            if unresolved_from.is_none() && !is_short && !inflow.is_smooth_on(panel) {
+                if smooth.len() + stack.len() < MOST {
+                    let middle = 0.5 * (begin + end);
+                    stack.extend([[middle, end], [begin, middle]]);
+                    continue;
                 }
-                _ => merged.push(panel),
+                unresolved_from = Some(begin);
+            }
+            match smooth.last_mut() {
+                // What is short stays, as it holds a jump.
+                Some(last)
+                    if !is_short
+                        && last[1] - last[0] > shortest
+                        && end - last[0] <= widest
+                        && unresolved_from.is_none()
+                        && inflow.is_smooth_on([last[0], end]) =>
+                {
+                    last[1] = end;
+                }
+                _ => smooth.push(panel),
             }
         }
-        let mut ends = vec![0.0];
-        for [begin, end] in merged {
-            let parts = ((end - begin) / longest).ceil().max(1.0) as usize;
-            let part = |k: usize| begin + (end - begin) * k as f64 / parts as f64;
-            ends.extend((1..parts).map(part).chain([end]));
-        }
-        Self { ends, resolved }
+        let parts = |[begin, end]: [f64; 2]| ((end - begin) / longest).ceil().max(1.0) as usize;
+        let panel = |ends: [f64; 2]| Panel { begin: ends[0], end: ends[1], parts: parts(ends) };
+        Self { panels: smooth.into_iter().map(panel).collect(), unresolved_from }
     }
 
-    /// The panels, in order.
+    /// The parts of all panels, in order.
     pub fn each(&self) -> impl Iterator<Item = [f64; 2]> {
-        self.ends.windows(2).map(|ends| [ends[0], ends[1]])
+        self.panels.iter().flat_map(|panel| panel.each())
+    }
+
+    /// Sum over the parts of all panels of `cost`, of a part and the end of the rule's last node
+    /// before it. Parts of a panel but the first cost alike.
+    pub fn sum(&self, mut cost: impl FnMut([f64; 2]) -> usize) -> usize {
+        let of_panel = |panel: &Panel| {
+            let mut parts = panel.each();
+            let first = parts.next().map_or(0, &mut cost);
+            first + (panel.parts - 1) * parts.next().map_or(0, &mut cost)
+        };
+        self.panels.iter().map(of_panel).sum()
     }
 }
 
@@ -98,40 +124,49 @@ impl InflowPanels {
 struct SampledInflow<'a> {
     case: &'a Case,
     points: Vec<[f64; 6]>,
-    /// The largest `|b|` found.
+    /// The largest `|b|` at the candidates.
     largest: f64,
     /// Nodes on `[−1, 1]`, each with its weight times the Legendre polynomials there.
     rule: Vec<(f64, Vec<f64>)>,
 }
 
+/// An end of an axis of the box, of the `2n`.
+#[derive(Clone, Copy)]
+struct End {
+    axis: usize,
+    at_upper: bool,
+}
+
+/// The values of the inflow at a candidate.
+#[derive(Clone, Copy)]
+struct Candidate {
+    point: [f64; 6],
+    least: f64,
+    most: f64,
+    /// The value at the last time.
+    last: f64,
+    /// The sum of `|changes|` from time to time.
+    variation: f64,
+}
+
 impl<'a> SampledInflow<'a> {
     fn new(case: &'a Case) -> Self {
-        let (n, space) = (case.space.dimension(), &case.space);
-        let ends: Vec<_> = space
-            .axes()
-            .enumerate()
-            .flat_map(|(k, axis)| [false, true].map(|up| (k, axis, up)))
-            .collect();
-        let mut points = space.random_points(CANDIDATES);
-        for (point, (k, axis, at_upper)) in points.iter_mut().zip(ends.iter().cycle()) {
-            let at = if *k < n { *k } else { MAX_DIMENSION + k - n };
-            point[at] = axis.just_outside(*at_upper);
+        let n = case.space.dimension();
+        let is_open = |end: &End| end.axis >= n || !case.space.is_periodic(end.axis);
+        let ends = (0..2 * n).flat_map(|axis| [false, true].map(|at_upper| End { axis, at_upper }));
+        let ends: Vec<End> = ends.filter(is_open).collect();
+        let (mut points, mut largest) = (Vec::new(), 0f64);
+        for end in &ends {
+            let mut found = candidates(case, *end, CANDIDATES / ends.len());
+            largest = found.iter().fold(largest, |most, c| most.max(c.most).max(-c.least));
+            let quota = SAMPLES / ends.len() / 2;
+            found.sort_by(|a, b| (b.most - b.least).total_cmp(&(a.most - a.least)));
+            let rest = found.split_off(quota.min(found.len()));
+            points.extend(found.iter().map(|candidate| candidate.point));
+            let mut found = rest;
+            found.sort_by(|a, b| b.variation.total_cmp(&a.variation));
+            points.extend(found.iter().take(quota).map(|candidate| candidate.point));
         }
-        let formula = case.fields[0].entering();
-        let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; CANDIDATES];
-        for k in 0..TIMES {
-            // No period fits the distances of these times.
-            let part = (k as f64 * GOLDEN).fract();
-            let time = case.begin + case.duration() * (k as f64 + part) / TIMES as f64;
-            for ([least, most], value) in ranges.iter_mut().zip(formula.at_points(&points, time)) {
-                (*least, *most) = (least.min(value), most.max(value));
-            }
-        }
-        let largest = ranges.iter().flatten().fold(0.0, |most: f64, value| most.max(value.abs()));
-        let variation = |k: usize| ranges[k][1] - ranges[k][0];
-        let mut order: Vec<usize> = (0..CANDIDATES).collect();
-        order.sort_by(|&a, &b| variation(b).total_cmp(&variation(a)));
-        let points = order.iter().take(SAMPLES).map(|&k| points[k]).collect();
         let rule = gauss_legendre(NODES).into_iter().map(|point| {
             let values = legendre_values(NODES - 1, point.node);
             let weighted = values.into_iter().map(|value| value * point.weight).collect();
@@ -147,32 +182,94 @@ impl<'a> SampledInflow<'a> {
 
     /// Whether at every point the last two coefficients of the Legendre series on a panel have
     /// decayed, and the series has the values at the ends: no node is near them, and a jump there
-    /// would be overlooked.
+    /// would be overlooked. Values that are not finite are refused elsewhere.
     fn is_smooth_on(&self, [begin, end]: [f64; 2]) -> bool {
         let mut series = vec![[0.0; NODES]; self.points.len()];
+        let mut largest = self.largest;
         for (node, weighted) in &self.rule {
             let values = self.at(0.5 * (begin + end + node * (end - begin)));
             for (coefficients, value) in series.iter_mut().zip(values) {
+                if value.is_finite() {
+                    largest = largest.max(value.abs());
+                }
                 for (j, (sum, factor)) in coefficients.iter_mut().zip(weighted).enumerate() {
                     *sum += (j as f64 + 0.5) * factor * value;
                 }
             }
         }
-        let decays = |c: &[f64; NODES]| c[NODES - 2].abs().max(c[NODES - 1].abs());
-        if !series.iter().all(|c| decays(c) <= DECAYED * self.largest) {
+        let last = |c: &[f64; NODES]| c[NODES - 2].abs().max(c[NODES - 1].abs());
+        if series.iter().any(|c| last(c) > DECAYED * largest) {
             return false;
         }
         // Just inside, as a panel may begin or end at a jump.
         let inside = 0.25 * SHORTEST * self.case.duration();
-        [(begin + inside, -1.0), (end - inside, 1.0)].into_iter().all(|(time, sign)| {
-            let values = self.at(time);
-            series.iter().zip(values).all(|(coefficients, value)| {
+        let is_off = |(time, sign): (f64, f64)| {
+            series.iter().zip(self.at(time)).any(|(coefficients, value)| {
                 // P_j(±1) = (±1)^j.
                 let at_end = coefficients.iter().rev().fold(0.0, |sum, c| sum * sign + c);
-                (at_end - value).abs() <= AT_ENDS * self.largest
+                (at_end - value).abs() > AT_ENDS * largest
             })
-        })
+        };
+        ![(begin + inside, -1.0), (end - inside, 1.0)].into_iter().any(is_off)
     }
+}
+
+/// At most `most` points of an end of the box, nodes along the other axes and entering, at which
+/// the inflow is finite at [`TIMES`] times.
+fn candidates(case: &Case, end: End, most: usize) -> Vec<Candidate> {
+    let (n, space) = (case.space.dimension(), &case.space);
+    let nodes = |(k, axis): (usize, &Axis)| -> Vec<f64> {
+        if k == end.axis {
+            return vec![axis.just_outside(end.at_upper)];
+        }
+        let mut nodes: Vec<f64> = (0..axis.cells).map(|i| axis.centre(i as i64)).collect();
+        if k == end.axis + n {
+            nodes.retain(|v| if end.at_upper { *v < 0.0 } else { *v > 0.0 });
+        }
+        nodes
+    };
+    let nodes: Vec<Vec<f64>> = space.axes().enumerate().map(nodes).collect();
+    let all: f64 = nodes.iter().map(|nodes| nodes.len() as f64).product();
+    let count = (most as f64).min(all) as usize;
+    let point = |i: usize| {
+        let spread = ((i as f64 * GOLDEN).fract() * all).floor();
+        let mut left = if count as f64 == all { i as f64 } else { spread };
+        let mut point = [0.0; 6];
+        for (k, nodes) in nodes.iter().enumerate() {
+            let of_axis = nodes.len() as f64;
+            point[if k < n { k } else { 3 + k - n }] = nodes[(left % of_axis) as usize];
+            left = (left / of_axis).floor();
+        }
+        point
+    };
+    let points: Vec<[f64; 6]> = (0..count).map(point).collect();
+    let formula = case.fields[0].entering();
+    let mut found: Vec<Candidate> = Vec::new();
+    for k in 0..TIMES {
+        // No period fits the distances of these times.
+        let part = (k as f64 * GOLDEN).fract();
+        let time = case.begin + case.duration() * (k as f64 + part) / TIMES as f64;
+        let values = formula.at_points(&points, time);
+        if k == 0 {
+            let start = |(&point, &value)| Candidate {
+                point,
+                least: value,
+                most: value,
+                last: value,
+                variation: 0.0,
+            };
+            found = points.iter().zip(&values).map(start).collect();
+        }
+        for (candidate, value) in found.iter_mut().zip(values) {
+            candidate.variation += (value - candidate.last).abs();
+            candidate.last = value;
+            (candidate.least, candidate.most) =
+                (candidate.least.min(value), candidate.most.max(value));
+        }
+    }
+    // One value that is not finite stays in the sum.
+    found.retain(|candidate| candidate.variation.is_finite() && candidate.last.is_finite());
+    found
 }
 
 #[cfg(test)]
@@ -183,7 +280,7 @@ mod tests {
     fn case_with(inflow: &str) -> Case {
         let text = format!(
             "[[axis]]\nx = {{ lower = 0, upper = 1, cells = 4 }}\n\
-             v = {{ lower = 0.5, upper = 1, cells = 4 }}\n\
+             v = {{ lower = 0.5, upper = 1, cells = 200 }}\n\
              [[potential]]\nvalue = \"0\"\n[initial]\nf = \"0\"\n\
              [inflow]\nvalue = \"{inflow}\"\n[time]\nend = 1\n"
         );
@@ -194,7 +291,7 @@ mod tests {
     fn panels_for(inflow: &str, exact: f64) -> usize {
         let case = case_with(inflow);
         let panels = InflowPanels::new(&case, f64::INFINITY);
-        assert!(panels.resolved, "{inflow}");
+        assert_eq!(panels.unresolved_from, None, "{inflow}");
         let formula = case.fields[0].entering();
         let mut sum = 0.0;
         for panel in panels.each() {
@@ -203,7 +300,7 @@ mod tests {
             }
         }
         assert!((sum - exact).abs() < 3e-12, "{inflow}: {sum:e} for {exact:e}");
-        panels.ends.len() - 1
+        panels.panels.len()
     }
 
     /// Panels are few where the inflow is smooth, and many where it is fast; a jump or a kink takes
@@ -215,15 +312,55 @@ mod tests {
         assert!((FIRST + 2..=FIRST + 3).contains(&jump), "{jump}");
         let kink = panels_for("abs(t - 0.37)", 0.5 * (0.37f64.powi(2) + 0.63f64.powi(2)));
         assert!((FIRST + 1..=FIRST + 3).contains(&kink), "{kink}");
-        let pulse = panels_for("exp(-((t - 0.5)/0.002)^2)", 0.002 * std::f64::consts::PI.sqrt());
-        assert!((FIRST + 2..FIRST + 20).contains(&pulse), "{pulse}");
+        for k in 1..10 {
+            let centre = 0.1 * f64::from(k);
+            let area = 0.002 * std::f64::consts::PI.sqrt();
+            let pulse = panels_for(&format!("exp(-((t - {centre})/0.002)^2)"), area);
+            assert!((FIRST + 2..FIRST + 20).contains(&pulse), "{centre}: {pulse}");
+            let width = 0.005;
+            let square = panels_for(&format!("1 if abs(t - {centre}) < {width}/2 else 0"), width);
+            assert!((FIRST..=FIRST + 6).contains(&square), "{centre}: {square}");
+        }
         let fast = panels_for("1 + cos(2*pi*512*t)", 1.0);
         assert!((256..=1024).contains(&fast), "{fast}");
     }
 
-    /// An inflow that varies too fast for the panels is found out.
+    /// An inflow that varies too fast for the panels is found out, with its place in time.
     #[test]
     fn noise_is_not_resolved() {
-        assert!(!InflowPanels::new(&case_with("1 + cos(1e7*t)"), f64::INFINITY).resolved);
+        let from =
+            |inflow: &str| InflowPanels::new(&case_with(inflow), f64::INFINITY).unresolved_from;
+        assert!(from("1 + cos(1e7*t)").is_some_and(|time| time < 1e-3));
+        let late = from("1 + (cos(1e7*t) if t > 0.6 else 0)").expect("noise");
+        assert!((0.59..0.63).contains(&late), "{late}");
+    }
+
+    /// Panels follow a fast beam beside a larger slow one, and a beam of one cell, and no value where
+    /// nothing enters.
+    #[test]
+    fn every_beam_counts() {
+        let fast = "(1 + cos(2*pi*512*t))";
+        let rows = [
+            format!("3*(1 + cos(2*pi*3*t)) if v > 0.52 else {fast}"),
+            format!("{fast} if abs(v - 0.68875) < 0.001 else 0"),
+            format!("{fast} if x < 0.5 else sqrt(x - 2)"),
+        ];
+        for inflow in rows {
+            let panels = InflowPanels::new(&case_with(&inflow), f64::INFINITY);
+            assert_eq!(panels.unresolved_from, None, "{inflow}");
+            assert!(panels.panels.len() > 200, "{inflow}: {}", panels.panels.len());
+        }
+        // What is nowhere finite is refused by the run itself.
+        let nowhere = InflowPanels::new(&case_with("sqrt(0.2 - t)"), f64::INFINITY);
+        assert_eq!(nowhere.unresolved_from, None);
+    }
+
+    /// Many parts take no memory and no time.
+    #[test]
+    fn parts_are_counted_together() {
+        let panels = InflowPanels::new(&case_with("1 + cos(t)"), 1e-12);
+        assert!(panels.sum(|_| 1) > 900_000_000_000);
+        let few = InflowPanels::new(&case_with("1 + cos(t)"), 1e-3);
+        assert_eq!(few.sum(|_| 1), few.each().count());
     }
 }

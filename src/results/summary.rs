@@ -121,7 +121,14 @@ pub struct Accuracy {
 
 /// What the errors leave out if an edge of `V` is not along the axes.
 pub const STAIRCASE: &str = "an edge of V is not along the axes: the error of the staircase of \
-                             faces in its place is not included, and more cells do not lower it";
+                             faces in its place is not included, and more cells do not lower that";
+
+/// Whether errors of runs of `case` leave out what an edge of `V` that is not along the axes adds:
+/// all but those against a formula.
+pub fn hides_staircase(case: &Case) -> bool {
+    !matches!(case.exact, Some(Exact::Formula(_))) && !oblique_edges(case).is_empty()
+}
+
 /// A larger relative error of the grid is large, whatever the algorithm's error.
 const LARGE_GRID_ERROR: f64 = 0.1;
 /// Largest error of the exact density, relative to the run's error, without a warning.
@@ -559,8 +566,7 @@ impl Summary {
             goal_error: self.accuracy.goal_error,
             goal_estimate: case.expected_error,
             algorithm,
-            staircase: !matches!(case.exact, Some(Exact::Formula(_)))
-                && !oblique_edges(case).is_empty(),
+            staircase: hides_staircase(case),
             ..Accuracy::default()
         };
         self.accuracy = accuracy.with_grid(measured, estimated);
@@ -571,7 +577,9 @@ impl Summary {
             accuracy.under_resolved = error > goal;
         }
         if accuracy.staircase {
-            accuracy.advice = Some(STAIRCASE.to_owned());
+            let more = accuracy.under_resolved.then(|| accuracy.advice(case));
+            let more = more.map_or(String::new(), |advice| format!("; for the rest, {advice}"));
+            accuracy.advice = Some(format!("{STAIRCASE}{more}"));
         } else if accuracy.under_resolved {
             accuracy.advice = Some(accuracy.advice(case));
         } else if of_density.is_some()

@@ -25,12 +25,10 @@ pub fn warnings(case: &Case) -> Vec<String> {
             .to_owned()
     });
     let oblique = oblique_edges(case);
-    // The staircase of an oblique edge misses it at every step.
-    let shown = if oblique.is_empty() { MOST_SHOWN } else { 1 };
     // Oblique edges first: no grid resolves them, and they are the reason of other warnings.
     (oblique.iter().map(|found| oblique_edge(&case.space, found)))
-        .chain(found.edges.iter().take(shown).map(stray_edge))
-        .chain(more_stray_edges(found.edges.len(), shown))
+        .chain(found.edges.iter().take(MOST_SHOWN).map(stray_edge))
+        .chain(more_stray_edges(found.edges.len()))
         .chain(found.empty.iter().map(empty_region))
         .chain(case.potential.iter().enumerate().filter_map(|(k, region)| staircase(k, region)))
         .chain(unresolved_parts(case))
@@ -43,9 +41,9 @@ pub fn warnings(case: &Case) -> Vec<String> {
 /// Largest number of edges that are named one by one.
 const MOST_SHOWN: usize = 8;
 
-/// The warning of the edges beyond those that are `shown`, if `all` that miss faces are more.
-fn more_stray_edges(all: usize, shown: usize) -> Option<String> {
-    let more = all.checked_sub(shown).filter(|more| *more > 0)?;
+/// The warning of the edges beyond [`MOST_SHOWN`], if `all` that miss faces are more.
+fn more_stray_edges(all: usize) -> Option<String> {
+    let more = all.checked_sub(MOST_SHOWN).filter(|more| *more > 0)?;
     let at_least = if all >= MOST_STRAY_EDGES { "at least " } else { "" };
     let places = counted(more, "place", "places");
     Some(format!(

@@ -20,11 +20,13 @@ pub mod setup;
 pub mod verdict;
 
 use crate::base::error::Result;
+use crate::base::text::sentence;
 use crate::base::version::GIT;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::Case;
+use crate::results::summary::{STAIRCASE, hides_staircase};
 use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::chart::attempts::Attempts;
 use crate::study::chart::programme::{Programme, Setting};
@@ -93,6 +95,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     };
     mark_fronts(&mut chart.entries);
     chart.sentences = sentences(&chart);
+    chart.sentences.extend(hides_staircase(case).then(|| format!("{}.", sentence(STAIRCASE))));
     chart.sentences.extend(left_out);
     Ok(chart)
 }

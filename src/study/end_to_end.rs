@@ -31,6 +31,7 @@ mod traced;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::base::row_major::indices;
+use crate::base::text::sentence;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, EndFlux, Exact, Integrator, Limiter, Method};
 use crate::problem::exact::Tracer;
@@ -39,6 +40,7 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::{scheme_of, unitary_of};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
+use crate::results::summary::{STAIRCASE, hides_staircase};
 use crate::study::choices::DEGREES;
 use crate::study::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;
@@ -95,6 +97,7 @@ impl EndToEnd {
         let baselines = classical_methods(&task, &at_point, &traced, &upwind);
         task.progress.borrow().finish();
         let mut sentences = verdict(&quantum, &baselines, density_of_mean);
+        sentences.extend(hides_staircase(case).then(|| format!("{}.", sentence(STAIRCASE))));
         if traced.error > accuracy {
             let TracedDensity { error, traces, .. } = traced;
             sentences.insert(0, format!(

@@ -570,4 +570,7 @@ fn nothing_is_shown_by_a_staircase() {
     strict.ended(1, &["NOT SHOWN"]).unwrap();
     let advised = Job::new(["advise", &file]).with(goal).succeed().unwrap();
     advised.contains(&advised.output, &[sentence]).unwrap();
+    let chart = Job::new(["chart", &file, "--budget", "2s"]).into(&place.path().join("chart"));
+    let chart = chart.succeed().unwrap();
+    chart.contains(&chart.output, &["An edge of V is not along the axes"]).unwrap();
 }

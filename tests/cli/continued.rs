@@ -339,6 +339,8 @@ fn other_commands_take_a_field() {
     let until = |time: &str| Job::new(["run", "--continue", "part/", "--until", time]).inside(path);
     until("half/2").succeed().unwrap();
     until("half/5").is_refused(&["--until half/5", "at t = 0.2", "a later time"]).unwrap();
+    let changed = until("half/2").set(&["constants.half=0.6"]).with(["--force"]);
+    changed.is_refused(&["--until half/2", "constants that --set changes"]).unwrap();
     until("halve").is_refused(&["--until halve", "unknown name \"halve\""]).unwrap();
     assert!(path.join("part-until-0.25/summary.json").exists());
     let file = format!("initial.field={}", part.join("result.h5").display());

@@ -210,7 +210,7 @@ def call(
         kind = kinds.get(process.returncode, PhasewarpError)
         raise kind(in_python(message_of(errors)), process.returncode, command, output)
     for line in (*errors.splitlines(), *lines.splitlines()):
-        if line.startswith(("warning: ", "UNDER-RESOLVED: ")):
+        if line.startswith(("warning: ", "UNDER-RESOLVED: ", "STAIRCASE: ")):
             said = in_python(line).removeprefix("warning: ")
             warnings.warn(said, PhasewarpWarning, stacklevel=3)
     return output

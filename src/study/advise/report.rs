@@ -1,9 +1,8 @@
 //! Advice as text.
 
 use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, quoted, seconds_text};
-use crate::problem::case::{Case, Exact, Method};
-use crate::problem::potential::oblique::oblique_edges;
-use crate::results::summary::STAIRCASE;
+use crate::problem::case::{Case, Method};
+use crate::results::summary::{STAIRCASE, hides_staircase};
 use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::setups::{AdviceReport, ErrorParts, SetupReport};
 use crate::study::advise::trials::cells;
@@ -52,8 +51,7 @@ pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
             unsettled.join("; ")
         ));
     }
-    let is_formula = matches!(case.exact, Some(Exact::Formula(_)));
-    if !is_formula && !oblique_edges(case).is_empty() {
+    if hides_staircase(case) {
         warnings.push(STAIRCASE.to_owned());
     }
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
