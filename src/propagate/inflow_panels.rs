@@ -35,13 +35,13 @@ const GOLDEN: f64 = 1.618_033_988_749_895;
 
 /// A panel, cut into equal parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Panel {
+struct TimePanel {
     begin: f64,
     end: f64,
     parts: usize,
 }
 
-impl Panel {
+impl TimePanel {
     /// Its parts, in order.
     fn each(self) -> impl Iterator<Item = [f64; 2]> {
         let length = self.end - self.begin;
@@ -56,7 +56,7 @@ impl Panel {
 /// Panels over a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InflowPanels {
-    panels: Vec<Panel>,
+    panels: Vec<TimePanel>,
     /// The time after the begin of the run from which on the inflow varies too fast for [`MOST`]
     /// panels; `None` if it is smooth on each, but for those shorter than round-off.
     pub unresolved_from: Option<f64>,
@@ -99,7 +99,7 @@ impl InflowPanels {
             }
         }
         let parts = |[begin, end]: [f64; 2]| ((end - begin) / longest).ceil().max(1.0) as usize;
-        let panel = |ends: [f64; 2]| Panel { begin: ends[0], end: ends[1], parts: parts(ends) };
+        let panel = |ends: [f64; 2]| TimePanel { begin: ends[0], end: ends[1], parts: parts(ends) };
         Self { panels: smooth.into_iter().map(panel).collect(), unresolved_from }
     }
 
@@ -108,10 +108,10 @@ impl InflowPanels {
         self.panels.iter().flat_map(|panel| panel.each())
     }
 
-    /// Sum over the parts of all panels of `cost`, of a part and the end of the rule's last node
-    /// before it. Parts of a panel but the first cost alike.
+    /// The sum of `cost` over the parts of all panels, which is asked for two parts of each: all
+    /// but the first cost as much as the second.
     pub fn sum(&self, mut cost: impl FnMut([f64; 2]) -> usize) -> usize {
-        let of_panel = |panel: &Panel| {
+        let of_panel = |panel: &TimePanel| {
             let mut parts = panel.each();
             let first = parts.next().map_or(0, &mut cost);
             first + (panel.parts - 1) * parts.next().map_or(0, &mut cost)
@@ -132,14 +132,14 @@ struct SampledInflow<'a> {
 
 /// An end of an axis of the box, of the `2n`.
 #[derive(Clone, Copy)]
-struct End {
+struct InflowEnd {
     axis: usize,
     at_upper: bool,
 }
 
 /// The values of the inflow at a candidate.
 #[derive(Clone, Copy)]
-struct Candidate {
+struct SampledPoint {
     point: [f64; 6],
     least: f64,
     most: f64,
@@ -152,9 +152,10 @@ struct Candidate {
 impl<'a> SampledInflow<'a> {
     fn new(case: &'a Case) -> Self {
         let n = case.space.dimension();
-        let is_open = |end: &End| end.axis >= n || !case.space.is_periodic(end.axis);
-        let ends = (0..2 * n).flat_map(|axis| [false, true].map(|at_upper| End { axis, at_upper }));
-        let ends: Vec<End> = ends.filter(is_open).collect();
+        let is_open = |end: &InflowEnd| end.axis >= n || !case.space.is_periodic(end.axis);
+        let ends =
+            (0..2 * n).flat_map(|axis| [false, true].map(|at_upper| InflowEnd { axis, at_upper }));
+        let ends: Vec<InflowEnd> = ends.filter(is_open).collect();
         let (mut points, mut largest) = (Vec::new(), 0f64);
         for end in &ends {
             let mut found = candidates(case, *end, CANDIDATES / ends.len());
@@ -216,7 +217,7 @@ impl<'a> SampledInflow<'a> {
 
 /// At most `most` points of an end of the box, nodes along the other axes and entering, at which
 /// the inflow is finite at [`TIMES`] times.
-fn candidates(case: &Case, end: End, most: usize) -> Vec<Candidate> {
+fn candidates(case: &Case, end: InflowEnd, most: usize) -> Vec<SampledPoint> {
     let (n, space) = (case.space.dimension(), &case.space);
     let nodes = |(k, axis): (usize, &Axis)| -> Vec<f64> {
         if k == end.axis {
@@ -244,14 +245,14 @@ fn candidates(case: &Case, end: End, most: usize) -> Vec<Candidate> {
     };
     let points: Vec<[f64; 6]> = (0..count).map(point).collect();
     let formula = case.fields[0].entering();
-    let mut found: Vec<Candidate> = Vec::new();
+    let mut found: Vec<SampledPoint> = Vec::new();
     for k in 0..TIMES {
         // No period fits the distances of these times.
         let part = (k as f64 * GOLDEN).fract();
         let time = case.begin + case.duration() * (k as f64 + part) / TIMES as f64;
         let values = formula.at_points(&points, time);
         if k == 0 {
-            let start = |(&point, &value)| Candidate {
+            let start = |(&point, &value)| SampledPoint {
                 point,
                 least: value,
                 most: value,
@@ -335,8 +336,8 @@ mod tests {
         assert!((0.59..0.63).contains(&late), "{late}");
     }
 
-    /// Panels follow a fast beam beside a larger slow one, and a beam of one cell, and no value where
-    /// nothing enters.
+    /// Panels follow a fast beam beside a larger slow one, and a beam of one cell. What is not
+    /// finite where nothing enters does not matter.
     #[test]
     fn every_beam_counts() {
         let fast = "(1 + cos(2*pi*512*t))";

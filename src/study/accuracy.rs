@@ -15,8 +15,6 @@ use std::path::Path;
 
 /// A run that is expected to take more than this multiple of the budget gives a warning.
 const LONG_RUN: f64 = 10.0;
-/// A run that is expected to take more than this multiple of the budget is refused.
-const TOO_LONG_RUN: f64 = 1000.0;
 /// File in the directory of a run that stores what was chosen for its accuracy.
 const CHOICE: &str = "accuracy.json";
 
@@ -108,8 +106,8 @@ pub fn refuse_foreign(world: &World, directory: &Path) -> Result<()> {
 /// `request`. The choice is reported. Collective.
 ///
 /// # Errors
-/// As [`advise`]; [`Error::Input`] if nothing is advised, or only what takes more than
-/// [`TOO_LONG_RUN`] times the budget.
+/// As [`advise`]; [`Error::Input`] if nothing is advised, or only what takes
+/// [`too_long`](SetupReport::too_long).
 pub fn chosen(world: &World, case: &Case, request: Request) -> Result<Case> {
     let Request { accuracy, budget } = request;
     let advised = advise(world, case, request)?;
@@ -117,15 +115,8 @@ pub fn chosen(world: &World, case: &Case, request: Request) -> Result<Case> {
         let why = advised.why_nothing(case.method);
         return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));
     };
-    if let Some(seconds) = entry.seconds.filter(|seconds| *seconds > TOO_LONG_RUN * budget) {
-        return Err(Error::Input(format!(
-            "{}: accuracy {accuracy:e}: the cheapest set-up found takes about {}, more than \
-             {TOO_LONG_RUN} times the --budget of {budget} s; a longer --budget may find a cheaper \
-             one. To run this one: {}",
-            case.name,
-            seconds_text(seconds),
-            entry.command
-        )));
+    if let Some(why) = entry.too_long(budget) {
+        return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));
     }
     if world.group().rank() == 0 {
         report(&format!("accuracy {accuracy:e}: {}", entry.summary()));

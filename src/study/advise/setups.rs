@@ -1,12 +1,16 @@
 //! The result of `advise`: set-ups, each with its grid, its error and the evidence for it, its cost
 //! and its command.
 
+use crate::base::text::seconds_text;
 use crate::problem::case::{Interface, Limiter, Method};
 use crate::study::advise::grid_search::{Evidence, MeasuredGrid};
 use crate::study::advise::trials::UPDATES_PER_MODE;
 use crate::study::cost::application_weight;
 use crate::study::order::Order;
 use serde::Serialize;
+
+/// A run that is expected to take more than this multiple of the budget of its trials is refused.
+const TOO_LONG: f64 = 1000.0;
 
 /// Parts of the relative L1 error of the density.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -94,6 +98,18 @@ pub struct SetupReport {
 }
 
 impl SetupReport {
+    /// The reason why the set-up takes too long to be run after trials of `budget` seconds: more
+    /// than [`TOO_LONG`] times as long.
+    pub fn too_long(&self, budget: f64) -> Option<String> {
+        let seconds = self.seconds.filter(|seconds| *seconds > TOO_LONG * budget)?;
+        Some(format!(
+            "the cheapest set-up found takes about {}, more than {TOO_LONG} times the --budget of \
+             {budget} s; a longer --budget may find a cheaper one. To run this one: {}",
+            seconds_text(seconds),
+            self.command
+        ))
+    }
+
     /// Work of a run: updates of unknowns, the same on every machine.
     pub fn work(&self) -> f64 {
         let each = application_weight(self.degree, self.limiter) as f64;
@@ -247,6 +263,21 @@ mod tests {
             settings: Vec::new(),
             command: String::new(),
         }
+    }
+
+    /// A run of days after trials of seconds is not begun; the command that begins it is named.
+    #[test]
+    fn runs_far_beyond_the_budget_are_too_long() {
+        let of = |seconds: Option<f64>| {
+            let command = "phasewarp run a.toml --set b=1".to_owned();
+            SetupReport { seconds, command, ..entry(1.0, true) }.too_long(4.0)
+        };
+        assert_eq!(of(None), None);
+        assert_eq!(of(Some(4000.0)), None);
+        let why = of(Some(90_000.0)).expect("too long");
+        let parts =
+            ["25:00:00", "1000 times the --budget of 4 s", "phasewarp run a.toml --set b=1"];
+        assert!(parts.iter().all(|part| why.contains(part)), "{why}");
     }
 
     #[test]
