@@ -1,10 +1,10 @@
 //! Panels in time on which the inflow `b(t)` is smooth, for integrals over time by Gauss's rule.
 //!
-//! A panel of [`FIRST`] equal ones is halved until the Legendre series of `b` on it has decayed at
-//! the last of [`NODES`] coefficients and has the values at both ends of the panel, at some points
-//! of every end of the box. What is shorter than [`SHORTEST`] of the whole is not halved: `b` jumps
-//! there. Neighbours are merged again where `b` is smooth on both together, so that a jump takes
-//! two or three panels more.
+//! There are 32 equal panels to begin with. One is halved until the Legendre series of `b` on it
+//! has decayed at the last of [`NODES`] coefficients and has the values at both ends of the panel,
+//! at some points of every end of the box. What is shorter than 1e-12 of the whole is not halved:
+//! `b` jumps there. Neighbours are merged again where `b` is smooth on both together, so that a
+//! jump takes two or three panels more.
 
 use crate::base::quadrature::{gauss_legendre, legendre_values};
 use crate::problem::case::Case;

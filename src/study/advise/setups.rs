@@ -99,7 +99,7 @@ pub struct SetupReport {
 
 impl SetupReport {
     /// The reason why the set-up takes too long to be run after trials of `budget` seconds: more
-    /// than [`TOO_LONG`] times as long.
+    /// than 1000 times as long.
     pub fn too_long(&self, budget: f64) -> Option<String> {
         let seconds = self.seconds.filter(|seconds| *seconds > TOO_LONG * budget)?;
         Some(format!(
