@@ -83,7 +83,8 @@ pub struct Plan {
     pub bounds: Bounds,
     /// The Schrödingerized part, unless the method is classical.
     pub warp: Option<WarpPlan>,
-    /// Steps (or terms of the exponential) of the classical method.
+    /// Steps (or terms of the exponential) of the classical method; 0 by modes with an inflow that
+    /// depends on time.
     pub classical_steps: usize,
     /// Ranks and memory.
     pub layout: Layout,
@@ -230,7 +231,11 @@ impl Plan {
             limiter: case.limiter,
             fields: case.fields.len(),
             tolerance: case.tolerance,
-            classical_steps: classical_steps(case, &bounds).iter().sum(),
+            classical_steps: match case.method {
+                // Panels for the inflow take a while, and modes do not need them.
+                Method::Schrodingerized if case.varies() => 0,
+                _ => classical_steps(case, &bounds).iter().sum(),
+            },
             bounds,
             warp,
             layout,
