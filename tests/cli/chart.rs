@@ -14,9 +14,6 @@ const LATE: f64 = 10.0;
 /// Budget in seconds of a chart of which only the form is checked.
 const BUDGET: f64 = 2.5;
 
-/// Budget in seconds of a chart whose numbers are compared.
-const LONGER: f64 = 5.0;
-
 /// Budget in seconds that is enough for several step sizes of each method, on a busy machine too.
 const ENOUGH: f64 = 12.0;
 
@@ -153,7 +150,7 @@ static OF_STEP_UP: LazyLock<Value> = LazyLock::new(|| {
 
 #[test]
 fn charts_do_not_depend_on_ranks() {
-    let three = chart("step_up.toml", &SMALL, (3, LONGER), directory().path()).unwrap();
+    let three = chart("step_up.toml", &SMALL, (3, ENOUGH), directory().path()).unwrap();
     let knobs = [
         "method", "grid", "degree", "flux", "interface", "integrator", "limiter", "cfl", "profile",
         "coefficients", "weights", "propagator", "step", "tolerance", "points", "as_given",
