@@ -66,8 +66,8 @@ const KEYS_OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.en
 const KEYS_OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
 
 /// The case of the results in `directory`, from their time until `until`, changed by `changes`.
-/// `until` is a number or a formula of the constants of the case.
-/// Every dataset there is compared with its checksum. Collective.
+/// `until` is a number or a formula of the constants of the case. Every dataset there is compared
+/// with its checksum. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] if there is no finished result, or `until` is not later; [`Error::Output`] if

@@ -1,7 +1,7 @@
 //! The elements of the grid in phase space, and matrices along the axes of their values.
 
 use crate::problem::element::Nodes;
-use crate::problem::grid::{Cell, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Cell, PhaseSpace, coordinate, for_each_cell};
 use std::ops::Range;
 
 /// An element of the grid: the product of one element along each axis.
@@ -57,8 +57,7 @@ impl Element<'_> {
         let n = self.space.dimension();
         let mut point = [0.0; 6];
         for (a, axis) in self.space.axes().enumerate() {
-            let slot = if a < n { a } else { 3 + a - n };
-            point[slot] = axis.at(self.index[a] as i64, xi[a]);
+            point[coordinate(n, a)] = axis.at(self.index[a] as i64, xi[a]);
         }
         point
     }

@@ -33,6 +33,20 @@ pub const MAX_DIMENSION: usize = 3;
 /// A cell as `[i1..in, j1..jn]`, unused entries zero.
 pub type Cell = [usize; 2 * MAX_DIMENSION];
 
+/// An end of an axis, of the `2n`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AxisEnd {
+    /// Index of the axis, space first.
+    pub axis: usize,
+    /// Whether the end is the upper one.
+    pub upper: bool,
+}
+
+/// Index in `[x, y, z, vx, vy, vz]` of axis number `axis` of the `2n`, in `n` dimensions.
+pub fn coordinate(n: usize, axis: usize) -> usize {
+    if axis < n { axis } else { 3 + axis - n }
+}
+
 impl PhaseSpace {
     /// This box cut into `shape` elements.
     pub fn with_elements(&self, shape: &[usize]) -> Self {
@@ -163,7 +177,7 @@ impl PhaseSpace {
         (0..coordinates.iter().map(Vec::len).product()).map(move |_| {
             let mut point = [0.0; 6];
             for (a, (along, at)) in coordinates.iter().zip(&place).enumerate() {
-                point[if a < n { a } else { 3 + a - n }] = along[*at];
+                point[coordinate(n, a)] = along[*at];
             }
             for (at, along) in place.iter_mut().zip(&coordinates).rev() {
                 *at += 1;
@@ -256,6 +270,13 @@ impl PhaseSpace {
         point
     }
 
+    /// The open ends of the box.
+    pub fn open_ends(&self) -> Vec<AxisEnd> {
+        let n = self.dimension();
+        let axes = (0..2 * n).filter(|&a| a >= n || !self.is_periodic(a));
+        axes.flat_map(|axis| [false, true].map(|upper| AxisEnd { axis, upper })).collect()
+    }
+
     /// `count` random points of the box, the same in every call.
     pub fn random_points(&self, count: usize) -> Vec<[f64; 6]> {
         let mut random = ChaCha8Rng::seed_from_u64(1);
@@ -264,8 +285,7 @@ impl PhaseSpace {
         for point in &mut points {
             for (k, axis) in self.axes().enumerate() {
                 let part = f64::from(random.next_u32()) / 2f64.powi(32);
-                let at = if k < n { k } else { 3 + k - n };
-                point[at] = axis.lower + part * (axis.upper - axis.lower);
+                point[coordinate(n, k)] = axis.lower + part * (axis.upper - axis.lower);
             }
         }
         points
@@ -276,7 +296,7 @@ impl PhaseSpace {
         let mut cell = [0; 6];
         let n = self.dimension();
         for (k, axis) in self.axes().enumerate() {
-            cell[k] = axis.cell_at(point[if k < n { k } else { 3 + k - n }]);
+            cell[k] = axis.cell_at(point[coordinate(n, k)]);
         }
         self.point(&cell)
     }

@@ -8,7 +8,7 @@
 
 use crate::base::quadrature::{gauss_legendre, legendre_values};
 use crate::problem::case::Case;
-use crate::problem::grid::Axis;
+use crate::problem::grid::{Axis, AxisEnd, coordinate};
 
 /// Nodes of Gauss's rule on a panel.
 pub const NODES: usize = 16;
@@ -130,13 +130,6 @@ struct SampledInflow<'a> {
     rule: Vec<(f64, Vec<f64>)>,
 }
 
-/// An end of an axis of the box, of the `2n`.
-#[derive(Clone, Copy)]
-struct InflowEnd {
-    axis: usize,
-    at_upper: bool,
-}
-
 /// The values of the inflow at a candidate.
 #[derive(Clone, Copy)]
 struct SampledPoint {
@@ -151,11 +144,7 @@ struct SampledPoint {
 
 impl<'a> SampledInflow<'a> {
     fn new(case: &'a Case) -> Self {
-        let n = case.space.dimension();
-        let is_open = |end: &InflowEnd| end.axis >= n || !case.space.is_periodic(end.axis);
-        let ends =
-            (0..2 * n).flat_map(|axis| [false, true].map(|at_upper| InflowEnd { axis, at_upper }));
-        let ends: Vec<InflowEnd> = ends.filter(is_open).collect();
+        let ends = case.space.open_ends();
         let (mut points, mut largest) = (Vec::new(), 0f64);
         for end in &ends {
             let mut found = candidates(case, *end, CANDIDATES / ends.len());
@@ -217,15 +206,15 @@ impl<'a> SampledInflow<'a> {
 
 /// At most `most` points of an end of the box, nodes along the other axes and entering, at which
 /// the inflow is finite at [`TIMES`] times.
-fn candidates(case: &Case, end: InflowEnd, most: usize) -> Vec<SampledPoint> {
+fn candidates(case: &Case, end: AxisEnd, most: usize) -> Vec<SampledPoint> {
     let (n, space) = (case.space.dimension(), &case.space);
     let nodes = |(k, axis): (usize, &Axis)| -> Vec<f64> {
         if k == end.axis {
-            return vec![axis.just_outside(end.at_upper)];
+            return vec![axis.just_outside(end.upper)];
         }
         let mut nodes: Vec<f64> = (0..axis.cells).map(|i| axis.centre(i as i64)).collect();
         if k == end.axis + n {
-            nodes.retain(|v| if end.at_upper { *v < 0.0 } else { *v > 0.0 });
+            nodes.retain(|v| if end.upper { *v < 0.0 } else { *v > 0.0 });
         }
         nodes
     };
@@ -238,7 +227,7 @@ fn candidates(case: &Case, end: InflowEnd, most: usize) -> Vec<SampledPoint> {
         let mut point = [0.0; 6];
         for (k, nodes) in nodes.iter().enumerate() {
             let of_axis = nodes.len() as f64;
-            point[if k < n { k } else { 3 + k - n }] = nodes[(left % of_axis) as usize];
+            point[coordinate(n, k)] = nodes[(left % of_axis) as usize];
             left = (left / of_axis).floor();
         }
         point

@@ -18,12 +18,11 @@ use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
 use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
-use crate::problem::grid::{PhaseSpace, axis_names};
+use crate::problem::grid::{AxisEnd, PhaseSpace, axis_names, coordinate};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::draw::{
-    AxisEnd, Particle, ParticleSampler, ParticleSource, SampleBox, SampleSequence, coordinate,
-    resampled,
+    Particle, ParticleSampler, ParticleSource, SampleBox, SampleSequence, resampled,
 };
 use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker, end_index};
 use crate::scheme::interface::law_of;
@@ -146,7 +145,7 @@ impl SourceEstimates {
         let case = drawer.case;
         let initial = replicated(world, drawer, tracker, ParticleSource::Initial, points);
         let (n, measure) = (case.space.dimension(), drawer.is_measure());
-        let entering = open_ends(&case.space).into_iter();
+        let entering = case.space.open_ends().into_iter();
         let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
         let mut follow = |end: AxisEnd| {
             let source = ParticleSource::Entering(end);
@@ -185,13 +184,6 @@ impl SourceEstimates {
         };
         self.all().map(squares).sum::<f64>().sqrt()
     }
-}
-
-/// The open ends of the box.
-fn open_ends(space: &PhaseSpace) -> Vec<AxisEnd> {
-    let n = space.dimension();
-    let axes = (0..2 * n).filter(|&a| a >= n || !space.is_periodic(a));
-    axes.flat_map(|axis| [false, true].map(|upper| AxisEnd { axis, upper })).collect()
 }
 
 /// Puts the estimates by particles into `ledger`. Collective.
@@ -236,7 +228,7 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
 /// Puts the outflow through each end and the mass that the interface law adds into `ledger`.
 fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
     let names = axis_names(case.space.dimension());
-    for end in open_ends(&case.space) {
+    for end in case.space.open_ends() {
         let at = end_index(end);
         ledger.ends.push(BoxEnd {
             axis: names[end.axis].to_owned(),

@@ -6,27 +6,13 @@
 //! shift `s_r`. Replicates are independent and unbiased: their scatter is the standard error.
 
 use crate::problem::case::{Case, Data};
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
+use crate::problem::grid::{AxisEnd, MAX_DIMENSION, PhaseSpace, coordinate};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
 /// The largest number of coordinates of a point: those of phase space. For an end of an axis, time
 /// replaces that axis.
 const MOST_DIMENSIONS: usize = 2 * MAX_DIMENSION;
-
-/// An end of an axis, of the `2n`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct AxisEnd {
-    /// Index of the axis, space first.
-    pub axis: usize,
-    /// Whether the end is the upper one.
-    pub upper: bool,
-}
-
-/// Index in `[x, y, z, vx, vy, vz]` of axis number `axis` of the `2n`.
-pub(super) fn coordinate(n: usize, axis: usize) -> usize {
-    if axis < n { axis } else { 3 + axis - n }
-}
 
 /// The origin of particles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

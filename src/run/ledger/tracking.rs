@@ -3,8 +3,8 @@
 
 use crate::problem::case::{Case, Interface};
 use crate::problem::exact::{Crossing, Tracer};
-use crate::problem::grid::{Axis, MAX_DIMENSION};
-use crate::run::ledger::draw::{AxisEnd, Particle};
+use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION};
+use crate::run::ledger::draw::Particle;
 use crate::scheme::interface::{Side, law_of, sources, velocity};
 use std::collections::HashMap;
 

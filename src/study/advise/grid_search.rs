@@ -440,33 +440,17 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// Replaces `found` by the case's own grid, if that was tried and reaches the wanted error, and
     /// has fewer cells or `found` does not reach the error. Collective.
     fn or_own_grid(&mut self, mut found: ReachedGrid) -> Result<ReachedGrid> {
-        let (own, wanted) = (self.goal.own, self.wanted);
+        let (Goal { scheme, own, .. }, wanted) = (self.goal, self.wanted);
         let reaches = |error: f64| error <= wanted;
         let better = !reaches(found.error) || cells(own) < cells(&found.shape);
         if better
-            && let Some(known) = self.error_on_own(&found.order)?
+            // No part of the budget: trials that were made cost nothing.
+            && let Some(known) = error_on(self.trials, scheme, own, &found.order, 0.0)?
             && reaches(known.error)
         {
             (found.shape, found.error, found.known) = (own.to_vec(), known.error, known.known);
         }
         Ok(found)
-    }
-
-    /// The error on the case's own grid; `None` if it was not tried, or without an exact solution
-    /// no grid twice as fine. Collective.
-    fn error_on_own(&mut self, order: &Order) -> Result<Option<DensityError>> {
-        let Goal { scheme, own, .. } = self.goal;
-        let twice = self.grids().twice(own);
-        let is_tried = self.trials.has_run(scheme, own)
-            && (self.trials.has_exact() || self.trials.has_run(scheme, &twice));
-        if !is_tried {
-            return Ok(None);
-        }
-        if let Some(error) = self.trials.error(scheme, own)? {
-            return Ok(Some(DensityError { error, known: Evidence::Measured }));
-        }
-        let error = order.error(self.distance(own, &twice)?);
-        Ok(Some(DensityError { error, known: Evidence::Estimated }))
     }
 }
 
