@@ -39,7 +39,7 @@ use crate::base::log::report;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::results::finished;
-use crate::results::summary::{self, MissedGoals, Summary};
+use crate::results::summary::{self, Accuracy, MissedGoals, Summary};
 use crate::run::options::{Options, Output};
 use crate::run::planning::with_start;
 pub use crate::run::solution::Solution;
@@ -83,16 +83,19 @@ pub fn is_done_and_tidy(world: &World, directory: &Path, case: &Case) -> bool {
     is_done
 }
 
-/// Returns an error if the finished run of `case` in `directory` misses its goals and
-/// `solver.strict` is set. Collective.
+/// The last lines of the finished run in `directory`: its errors, and the goals that it misses. On
+/// other ranks than the first they are empty. Collective.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] if its summary
-/// cannot be read.
-pub fn refuse_missed(world: &World, directory: &Path, strict: bool) -> Result<()> {
+/// [`crate::base::error::Error::Missed`] if it misses a goal and `solver.strict` is set;
+/// [`crate::base::error::Error::Output`] if its summary cannot be read.
+pub fn last_lines(world: &World, directory: &Path, strict: bool) -> Result<Vec<String>> {
     world.group().on_first_rank(|| {
-        let missed = MissedGoals::deserialize(&summary::read(directory)?["missed"]);
-        missed.unwrap_or_default().refuse(strict)
+        let stored = summary::read(directory)?;
+        let missed = MissedGoals::deserialize(&stored["missed"]).unwrap_or_default();
+        missed.refuse(strict)?;
+        let accuracy = Accuracy::deserialize(&stored["accuracy"]).unwrap_or_default();
+        Ok(accuracy.line().into_iter().chain(missed.line()).collect())
     })
 }
 

@@ -73,16 +73,20 @@ pub fn duhamel_panels(case: &Case, rate: f64) -> InflowPanels {
 }
 
 /// Applications of `A` that [`Classical::duhamel`] takes, but for the part of the last panel after
-/// its last node, which counts as the part before its first.
+/// its last node.
 pub fn duhamel_applications(rate: f64, panels: &InflowPanels) -> usize {
     let rule = gauss_legendre(NODES);
-    let mut now = 0.0;
+    // From the last node to the end of the part before: of a panel not every part is asked for.
+    let mut left = 0.0;
     panels.sum(|part| {
+        let mut now = part[0] - left;
         let applications = |point: &QuadraturePoint| {
             let at = point.moved_to(part).node;
             poisson_window(rate * (at - std::mem::replace(&mut now, at)).max(0.0), EXACT).end
         };
-        rule.iter().map(applications).sum()
+        let count = rule.iter().map(applications).sum();
+        left = part[1] - now;
+        count
     })
 }
 
@@ -439,6 +443,31 @@ mod tests {
             let mean: f64 = weights.iter().enumerate().map(|(k, w)| (start + k) as f64 * w).sum();
             assert!((sum - 1.0).abs() < 1e-14);
             assert!((mean / lambda - 1.0).abs() < 1e-12, "{lambda}: {mean}");
+        }
+    }
+
+    /// Applications over panels are those from node to node, though parts are counted together.
+    #[test]
+    fn applications_over_panels_are_those_of_all_nodes() {
+        let text = "[[axis]]\nx = { lower = 0, upper = 1, cells = 4 }\n\
+                    v = { lower = 0.5, upper = 1, cells = 4 }\n\
+                    [[potential]]\nvalue = \"0\"\n[initial]\nf = \"0\"\n\
+                    [inflow]\nvalue = \"1 + cos(t) if t < 0.3 else 0\"\n[time]\nend = 1\n";
+        let case = Case::parse("test", text, &[]).expect("a case");
+        for rate in [1.0, 100.0, 300.0, 1000.0] {
+            let panels = duhamel_panels(&case, rate);
+            let (mut now, mut count) = (0.0, 0);
+            for part in panels.each() {
+                let length = part[1] - part[0];
+                assert!(rate * length < LONGEST_PANEL * (1.0 + 1e-9), "{rate}: {part:?}");
+                for point in gauss_legendre(NODES) {
+                    let at = point.moved_to(part).node;
+                    count +=
+                        poisson_window(rate * (at - std::mem::replace(&mut now, at)), EXACT).end;
+                }
+            }
+            let counted = duhamel_applications(rate, &panels);
+            assert!(counted.abs_diff(count) <= count / 500, "{rate}: {counted} for {count}");
         }
     }
 }

@@ -18,7 +18,7 @@ const CELLS_OF_REGION: usize = 4;
 /// Jumps of `V` larger than this many times the largest `v²/2` are a wall, or an error in units.
 const WALL: f64 = 100.0;
 /// Differences below this many standard errors do not count.
-const STANDARD_ERRORS: f64 = 4.0;
+pub const STANDARD_ERRORS: f64 = 4.0;
 
 /// `ledger` of `summary.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -75,6 +75,16 @@ pub struct GridErrors {
     pub momentum: Option<ErrorNorms>,
 }
 
+/// Relative errors of the grid that particles of the exact flow show beyond their scatter; `None`
+/// where no particle tells.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ParticleErrors {
+    /// Of `f`, in L2.
+    pub field: Option<f64>,
+    /// Of the density, in L1.
+    pub density: Option<f64>,
+}
+
 /// The errors of a run: that of the algorithm, which is the distance to the semi-discrete solution,
 /// and that of the grid, which is the distance from there to the exact solution.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -99,6 +109,12 @@ pub struct Accuracy {
     /// That error, as expected by the trials that chose the grid for `solver.accuracy`.
     #[serde(default)]
     pub goal_estimate: Option<f64>,
+    /// The grid's errors as particles of the exact flow show them.
+    #[serde(default)]
+    pub particles: ParticleErrors,
+    /// The reason why the grid's error is not known at all.
+    #[serde(default)]
+    pub unknown: Option<String>,
     /// Estimate of the grid's error of `f`, if there is one; also if the error was measured.
     pub grid_estimate: Option<f64>,
     /// Estimate of the grid's error of the density, if there is one; also if the error was
@@ -138,10 +154,15 @@ const DOMINANT: f64 = 10.0;
 
 impl Accuracy {
     /// These errors, with the grid's relative errors of `f` and of the density, measured and
-    /// estimated.
+    /// estimated. A large error that particles show takes the place of a smaller estimate.
     pub fn with_grid(self, measured: [Option<f64>; 2], estimated: [Option<f64>; 2]) -> Self {
         let grid_measured = measured.iter().any(Option::is_some);
-        let [grid, grid_density] = if grid_measured { measured } else { estimated };
+        let shown = [self.particles.field, self.particles.density];
+        let larger = |k: usize| {
+            let shown = shown[k].filter(|error| *error > LARGE_GRID_ERROR);
+            estimated[k].into_iter().chain(shown).reduce(f64::max)
+        };
+        let [grid, grid_density] = if grid_measured { measured } else { [0, 1].map(larger) };
         let [grid_estimate, grid_density_estimate] = estimated;
         let found = Self {
             grid,
@@ -169,7 +190,10 @@ impl Accuracy {
 
     /// A sentence that compares the two errors; `None` if the grid's error is unknown.
     pub fn line(&self) -> Option<String> {
-        let errors = self.errors_of_grid()?;
+        let Some(errors) = self.errors_of_grid() else {
+            let why = self.unknown.as_ref()?;
+            return Some(format!("accuracy: {GRID_ERROR} not estimated: {why}"));
+        };
         let head = match (self.staircase, self.under_resolved) {
             (true, _) => "STAIRCASE",
             (false, true) => "UNDER-RESOLVED",
@@ -567,6 +591,7 @@ impl Summary {
             goal_estimate: case.expected_error,
             algorithm,
             staircase: hides_staircase(case),
+            particles: self.accuracy.particles,
             ..Accuracy::default()
         };
         self.accuracy = accuracy.with_grid(measured, estimated);
@@ -582,6 +607,16 @@ impl Summary {
             accuracy.advice = Some(format!("{STAIRCASE}{more}"));
         } else if accuracy.under_resolved {
             accuracy.advice = Some(accuracy.advice(case));
+        } else if accuracy.grid.is_none()
+            && accuracy.grid_density.is_none()
+            && (self.minimum != 0.0 || self.maximum != 0.0)
+        {
+            let why = match case.data {
+                Data::Density => "jumps of V or ends of the box are nearly everywhere",
+                Data::Measure { .. } => "there is no estimate for measure-valued data",
+            };
+            let measured = "[exact] kind = \"characteristics\" measures it";
+            accuracy.unknown = Some(format!("{why}; {measured}"));
         } else if of_density.is_some()
             && accuracy.grid.is_some_and(|error| error > LARGE_GRID_ERROR)
         {

@@ -8,6 +8,7 @@
 //! Each rank follows whole replicates, and sums over them are exact, so that the bits do not depend
 //! on the number of ranks.
 
+pub mod arrivals;
 pub mod draw;
 pub mod tracking;
 
@@ -17,19 +18,18 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
-use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
+use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer, traced_cells};
 use crate::problem::grid::{AxisEnd, PhaseSpace, axis_names, coordinate};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
+use crate::run::ledger::arrivals::Arrivals;
 use crate::run::ledger::draw::{
-    Particle, ParticleSampler, ParticleSource, SampleBox, SampleSequence, resampled,
+    Particle, ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
 };
 use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker, end_index};
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 
-/// Independent replicates of each source.
-const REPLICATES: usize = 16;
 /// Points of a source for each cell.
 const POINTS_PER_CELL: usize = 4;
 /// Least and most points of a source.
@@ -56,11 +56,12 @@ const ENOUGH: f64 = 1e-10;
 const MOST_VALUES: usize = 1 << 21;
 
 /// The ledger of `case`, on the grid of its results, before the solve: regions, jumps, and
-/// estimates by particles. Collective.
+/// estimates by particles. Particles that are in the box at the end are put into `arrivals`.
+/// Collective.
 ///
 /// # Errors
 /// If `V` is not finite.
-pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
+pub fn before_run(world: &Group, case: &Case, arrivals: &mut Arrivals) -> Result<Ledger> {
     let mut ledger = Ledger::default();
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
@@ -79,7 +80,12 @@ pub fn before_run(world: &Group, case: &Case) -> Result<Ledger> {
         ledger.omitted.push(why);
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
-        estimate(world, case, &tracer, &mut ledger);
+        estimate(world, case, &tracer, &mut ledger, arrivals);
+        let cells = [MostCells::ESTIMATES, MostCells::EXACT].map(|most| traced_cells(case, most));
+        if cells[0] < cells[1] {
+            // Of a curved V the paths are good enough for the balance only.
+            *arrivals = Arrivals::default();
+        }
     }
     if matches!(case.data, Data::Measure { .. }) {
         let why = "mass that entered: with measure-valued data it is not linear in the fields";
@@ -141,15 +147,16 @@ impl SourceEstimates {
         drawer: &ParticleSampler<'_>,
         tracker: &mut ParticleTracker<'_>,
         points: usize,
+        arrivals: &mut Arrivals,
     ) -> Self {
         let case = drawer.case;
-        let initial = replicated(world, drawer, tracker, ParticleSource::Initial, points);
+        let initial = replicated(world, drawer, tracker, ParticleSource::Initial, points, arrivals);
         let (n, measure) = (case.space.dimension(), drawer.is_measure());
         let entering = case.space.open_ends().into_iter();
         let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
         let mut follow = |end: AxisEnd| {
             let source = ParticleSource::Entering(end);
-            (end, replicated(world, drawer, tracker, source, points))
+            (end, replicated(world, drawer, tracker, source, points, arrivals))
         };
         let entering = entering.map(&mut follow).collect();
         Self { initial, entering }
@@ -187,7 +194,13 @@ impl SourceEstimates {
 }
 
 /// Puts the estimates by particles into `ledger`. Collective.
-fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger) {
+fn estimate(
+    world: &Group,
+    case: &Case,
+    tracer: &Tracer<'_>,
+    ledger: &mut Ledger,
+    arrivals: &mut Arrivals,
+) {
     let measure = matches!(case.data, Data::Measure { .. });
     let cells = if measure { case.space.space_cells() } else { case.space.cells() };
     let points = (POINTS_PER_CELL * cells).clamp(LEAST_POINTS, MOST_POINTS);
@@ -200,7 +213,7 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
     let mut tracker = ParticleTracker::new(case, tracer);
     let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
     let drawer = ParticleSampler { case, within, force: &force };
-    let sources = SourceEstimates::follow(world, &drawer, &mut tracker, points);
+    let sources = SourceEstimates::follow(world, &drawer, &mut tracker, points, arrivals);
     let mass = &mut ledger.mass;
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
@@ -261,6 +274,7 @@ fn replicated(
     tracker: &mut ParticleTracker<'_>,
     source: ParticleSource,
     points: usize,
+    arrivals: &mut Arrivals,
 ) -> TallyEstimate {
     let mine = (world.rank()..REPLICATES).step_by(world.size());
     let many = points / REPLICATES;
@@ -278,8 +292,11 @@ fn replicated(
             }
             let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
             if !drawer.case.reflects() {
+                let share = 1.0 / many as f64;
                 for particle in resampled(&inside, followed) {
-                    tracker.follow(&mut tally, &particle, 1.0 / many as f64);
+                    if let Some(point) = tracker.follow(&mut tally, &particle, share) {
+                        arrivals.add(replicate, &particle, point, share * particle.mass);
+                    }
                 }
             }
             tally.numbers()

@@ -18,6 +18,7 @@ use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::ExpandedResults;
 use crate::run::files::{SolveOutput, WarpedOutput};
+use crate::run::ledger::arrivals::{Arrivals, ComparedResult};
 use crate::run::log::RunLog;
 use crate::run::options::Output;
 use crate::run::solution::Solution;
@@ -60,6 +61,8 @@ pub(super) struct StartObserved {
     ledger: Ledger,
     /// Mass that enters until the end.
     entered: Option<f64>,
+    /// The ledger's particles that are in the box at the end.
+    arrivals: Arrivals,
 }
 
 /// The estimated errors of the fields.
@@ -159,14 +162,18 @@ impl<'a> Driver<'a> {
         let at_start = at_start(&mut planned.prepared);
         let totals = at_start.as_ref().map(|found| found.totals);
         self.summary.mass_initial = totals.map(|totals| totals.mass);
+        let mut arrivals = Arrivals::default();
         let ledger = match self.output {
-            Some(_) => ledger::before_run(&self.world.group(), &reduced.result_grid.case)?,
+            Some(_) => {
+                let (group, case) = (self.world.group(), &reduced.result_grid.case);
+                ledger::before_run(&group, case, &mut arrivals)?
+            }
             None => Ledger::default(),
         };
         let entered = ledger::entered_mass(&planned.prepared);
         self.log.watch.lap("observables");
         let early = at_start.filter(|_| planned.prepared.case.at_start.is_some());
-        Ok(StartObserved { totals, early, ledger, entered })
+        Ok(StartObserved { totals, early, ledger, entered, arrivals })
     }
 
     /// Step 7: every field at the output times, with the start, and at `T`. Writes warped fields
@@ -239,7 +246,6 @@ impl<'a> Driver<'a> {
         let prepared = &planned.prepared;
         let (grid, summary) = (&reduced.result_grid, &mut self.summary);
         let results = expand::expand(prepared, solution, grid, exact, summary)?;
-        self.warn_later(self.summary.exact_density_warning());
         Ok(results)
     }
 
@@ -256,6 +262,17 @@ impl<'a> Driver<'a> {
         ledger.close(start.totals, results.totals, start.entered);
         self.warn_later(ledger.warnings());
         self.summary.ledger = Some(ledger);
+        let (share, field, density) =
+            (&rank_cells.share, &results.fields[0], &results.moments.density);
+        let result = ComparedResult { case: &case, share, field, density };
+        self.summary.accuracy.particles = start.arrivals.errors(world, &result);
+        if let Some(exact) = exact.moments.last() {
+            let shown = start.arrivals.error_of(world, &result, &exact.density);
+            let errors = self.summary.exact_density_error.into_iter();
+            let shown = shown.filter(|error| *error > 0.0);
+            self.summary.exact_density_error = errors.chain(shown).reduce(f64::max);
+        }
+        self.warn_later(self.summary.exact_density_warning());
         self.log.watch.part("exact", results.exact_seconds);
         self.log.watch.lap("observables");
         if case.readout.is_some() {

@@ -50,6 +50,8 @@ pub struct Budget {
     /// Seconds after the start at which counting began.
     counting_since: f64,
     counted: f64,
+    /// Updates that were counted before counting started again.
+    counted_before: f64,
     /// Updates that may be counted.
     allowed: f64,
 }
@@ -64,6 +66,7 @@ impl Budget {
             end: limit,
             counting_since: 0.0,
             counted: 0.0,
+            counted_before: 0.0,
             allowed: limit * UPDATES_PER_SECOND,
         }
     }
@@ -141,17 +144,26 @@ impl Budget {
         !late && self.holds(self.counted + updates, part)
     }
 
+    /// A budget in seconds of which a trial of `updates` takes the `part`, on a machine as fast as
+    /// counting allows for.
+    pub fn that_holds(updates: f64, part: f64) -> f64 {
+        updates / (part * MOST_MORE * UPDATES_PER_SECOND)
+    }
+
     /// Starts counting from zero again. Allowed is then what this machine does in [`OF_TIME_LEFT`]
-    /// of the time left, at the rate so far, and at most [`MOST_MORE`] times what was allowed
-    /// before. Changes nothing and returns false if that is less than a quarter of it. Collective.
+    /// of the time left, at the rate so far or since counting began, whichever is higher, and at
+    /// most [`MOST_MORE`] times what was allowed before. Changes nothing and returns false if that
+    /// is less than a quarter of it, or no more than it although nothing was counted. Collective.
     pub fn count_anew(&mut self) -> bool {
         let now = self.elapsed();
-        let rate = self.counted / (now - self.counting_since);
+        let rate = (self.counted_before + self.counted) / now;
+        let rate = rate.max(self.counted / (now - self.counting_since));
         let [now, held] = self.from_rank_zero([now, OF_TIME_LEFT * rate * (self.limit - now)]);
-        let worth = held >= 0.25 * self.allowed;
+        let least = if self.counted > 0.0 { 0.25 } else { 1.0 };
+        let worth = held > least * self.allowed;
         if worth {
-            let allowed = held.min(MOST_MORE * self.allowed);
-            (self.counting_since, self.counted, self.allowed) = (now, 0.0, allowed);
+            (self.counting_since, self.allowed) = (now, held.min(MOST_MORE * self.allowed));
+            self.counted_before += std::mem::take(&mut self.counted);
         }
         worth
     }

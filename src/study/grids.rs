@@ -308,11 +308,14 @@ impl Grids {
         }
     }
 
-    /// Half of `shape` along all axes that are not merged; `None` if an edge would leave its face.
+    /// Half of `shape` along all axes that are not merged; `None` if an edge would leave its face,
+    /// or if that is less than half of the fewest elements that are tried.
     pub fn halved(&self, shape: &[usize]) -> Option<Vec<usize>> {
         let mut free = (0..shape.len()).filter(|&k| !self.merged[k]).peekable();
         free.peek()?;
-        free.all(|k| self.can_halve(k, shape[k])).then(|| self.mapped(shape, |_, n| n / 2))
+        let fewest = self.fewest[self.dimension() - 1];
+        free.all(|k| shape[k] >= fewest && self.can_halve(k, shape[k]))
+            .then(|| self.mapped(shape, |_, n| n / 2))
     }
 
     /// `shape` with the space axes `ratio` times finer relative to the velocity axes; `ratio` is a

@@ -246,6 +246,17 @@ pub fn first_points(case: &Case) -> f64 {
     positions.product::<f64>() * points_of(&panels_of(case)) as f64
 }
 
+/// Points that an integral may take of so many `positions` on the grid of `case`.
+fn most_at(case: &Case, positions: f64) -> f64 {
+    let least = EFFORTS[case.space.dimension() - 1].most.max(2 * points_of(&panels_of(case)));
+    (least as f64).max((allowance(&case.space) as f64 / positions.max(1.0)).floor())
+}
+
+/// The largest number of points that integrals at so many `positions` take.
+pub fn most_points(case: &Case, positions: f64) -> f64 {
+    positions * most_at(case, positions)
+}
+
 impl<'a> VelocityIntegrals<'a> {
     /// Integrals of the exact solution of `case` at `time`, for `positions` positions in space on
     /// all ranks. Collective over `world`, as the largest density is needed.
@@ -259,7 +270,6 @@ impl<'a> VelocityIntegrals<'a> {
         let n = case.space.dimension();
         let effort = &EFFORTS[n - 1];
         let panels = panels_of(case);
-        let least = effort.most.max(2 * points_of(&panels));
         let mut weights = vec![1.0];
         for _ in 0..n {
             weights = weights.iter().flat_map(|w| BOOLE.map(|b| w * b)).collect();
@@ -271,7 +281,7 @@ impl<'a> VelocityIntegrals<'a> {
             panels,
             weights,
             tolerance: 0.0,
-            most: least.max(allowance(&case.space) / positions.max(1)),
+            most: most_at(case, positions as f64) as usize,
             grid_rule: None,
         };
         integrals.tolerance = effort.tolerance * integrals.largest(world, effort.positions);

@@ -10,6 +10,8 @@ use crate::problem::grid::{AxisEnd, MAX_DIMENSION, PhaseSpace, coordinate};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
+/// Independent replicates of each source.
+pub const REPLICATES: usize = 16;
 /// The largest number of coordinates of a point: those of phase space. For an end of an axis, time
 /// replaces that axis.
 const MOST_DIMENSIONS: usize = 2 * MAX_DIMENSION;
@@ -32,6 +34,8 @@ pub struct Particle {
     pub time: f64,
     /// The mass of the particle times the number of points of its source.
     pub mass: f64,
+    /// `f` at the particle; of measure-valued data the density.
+    pub value: f64,
     /// Whether its velocity is in the velocity box.
     pub inside: bool,
 }
@@ -171,7 +175,7 @@ impl ParticleSampler<'_> {
         let time = self.case.end;
         let values = self.case.fields[0].initial.at_points(&points, 0.0);
         let particle = |((value, point), inside): ((f64, _), _)| {
-            nonzero(Particle { point, time, mass: volume * value, inside })
+            nonzero(Particle { point, time, mass: volume * value, value, inside })
         };
         values.into_iter().zip(points).zip(inside).filter_map(particle).collect()
     }
@@ -197,9 +201,9 @@ impl ParticleSampler<'_> {
         let axis = if end.axis < n { &space.x[end.axis] } else { &space.v[end.axis - n] };
         let mut outside = point;
         outside[coordinate(n, end.axis)] = axis.just_outside(end.upper);
-        let rate = inwards * self.case.fields[0].entering().at_point(&outside, now);
-        let mass = area * self.case.end * rate;
-        nonzero(Particle { point, time: self.case.end - now, mass, inside })
+        let value = self.case.fields[0].entering().at_point(&outside, now);
+        let mass = area * self.case.end * inwards * value;
+        nonzero(Particle { point, time: self.case.end - now, mass, value, inside })
     }
 }
 
@@ -250,7 +254,8 @@ mod tests {
 
     #[test]
     fn resampling_keeps_masses_and_signs() {
-        let particle = |mass: f64| Particle { point: [mass; 6], time: 1.0, mass, inside: true };
+        let particle =
+            |mass: f64| Particle { point: [mass; 6], time: 1.0, mass, value: mass, inside: true };
         let particles = [particle(6.0), particle(-3.0), particle(0.5), particle(0.5)];
         let chosen = resampled(&particles, 10);
         assert_eq!(chosen.len(), 10);

@@ -72,8 +72,14 @@ impl<'a> ParticleTracker<'a> {
         Self { tracer, gains: changes.then(|| InterfaceGains { case, known: HashMap::new() }) }
     }
 
-    /// Follows a particle with the fraction `share` of its mass.
-    pub fn follow(&mut self, tally: &mut ParticleTally, particle: &Particle, share: f64) {
+    /// Follows a particle with the fraction `share` of its mass. Its point at the end, if it is in
+    /// the box then.
+    pub fn follow(
+        &mut self,
+        tally: &mut ParticleTally,
+        particle: &Particle,
+        share: f64,
+    ) -> Option<[f64; 6]> {
         let mass = share * particle.mass;
         // What all jumps so far add to the particle's mass, and the same without the last.
         let (mut added, mut before) = (0.0, 0.0);
@@ -93,6 +99,7 @@ impl<'a> ParticleTracker<'a> {
             }
         }
         tally.interface += mass * added;
+        found.exit.is_none().then_some(found.point)
     }
 }
 

@@ -1,21 +1,24 @@
 //! Set-ups on the grids that were found, classical and by modes: plans, tolerances, trials, errors.
 
 use crate::base::error::Result;
-use crate::base::text::{bytes_text, rounded_down};
+use crate::base::text::{bytes_text, one_digit, rounded_down, short};
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::grid_search::{
-    DISCRETISATION, DensityError, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid, error_on,
+    DISCRETISATION, DensityError, Evidence, FOR_LEVELS, Goal, GridSearch, ReachedGrid,
+    SchemeWithGrid, error_on,
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
+use crate::study::advise::scheme_search::FOR_GRIDS;
 use crate::study::advise::settings::{command, settings};
 use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport};
 use crate::study::advise::trials::{cells, mode_updates};
 use crate::study::advise::{ROUND_OFF, SetupCandidate, Study};
+use crate::study::budget::Budget;
 use crate::study::density::distance;
 use crate::study::grids::{MOST_PLANNED_SPACE_CELLS, shape_text};
 use crate::study::trial::final_fields_only;
@@ -32,6 +35,8 @@ const SMALLEST_TOLERANCE: f64 = 1e-12;
 const MOST_TOLERANCES: usize = 4;
 /// Grids of more elements of space than this are not searched for regions of `V` without a cell.
 const MOST_SEARCHED: usize = 1 << 17;
+/// Longest budget in seconds that is named to the user.
+const LONGEST_BUDGET: f64 = 1e5;
 /// Largest number of cells for which a plan is made.
 const MOST_CELLS: f64 = 1e11;
 /// Bytes a cell of runs by modes and of classical runs, for grids without a plan.
@@ -48,7 +53,8 @@ struct ToleranceTrial {
 
 impl Study<'_> {
     /// The report of the set-up `target` on the grid `reached`, without its cost.
-    fn entry(&self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
+    fn entry(&mut self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
+        let missed = self.why_missed(scheme, reached);
         let settings = settings(self.case, self.trials.base(), target);
         SetupReport {
             name: self.name(target.method, scheme),
@@ -71,7 +77,7 @@ impl Study<'_> {
             memory_bytes_per_rank: 0.0,
             seconds: None,
             seconds_measured: false,
-            refused: vanished_region(target).or_else(|| self.why_missed(reached)),
+            refused: vanished_region(target).or(missed),
             estimate: None,
             command: command(self.case, &settings),
             settings,
@@ -79,12 +85,19 @@ impl Study<'_> {
     }
 
     /// The reason why the grid `reached` does not reach the accuracy; `None` if it does.
-    fn why_missed(&self, reached: &ReachedGrid) -> Option<String> {
+    fn why_missed(&mut self, scheme: SchemeChoice, reached: &ReachedGrid) -> Option<String> {
         let (error, on) = (reached.error, shape_text(&reached.shape));
         if reached.order.pairs.is_empty() && reached.known == Evidence::Extrapolated {
-            let why =
-                "the budget does not hold two grids to compare; a longer --budget may allow it";
-            return Some(why.to_owned());
+            let next = self.trials.degree_case(scheme).grids.twice(&reached.shape);
+            let updates = self.trials.updates_to_try(scheme, &next).unwrap_or(f64::INFINITY);
+            let budget = Budget::that_holds(updates, FOR_GRIDS * FOR_LEVELS);
+            let longer = match budget < LONGEST_BUDGET {
+                true => format!("a --budget of about {} s", short(one_digit(budget))),
+                false => "a longer --budget".to_owned(),
+            };
+            return Some(format!(
+                "the budget does not hold two grids to compare; {longer} may allow it"
+            ));
         }
         if error <= DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF) {
             return None;
@@ -207,10 +220,9 @@ impl Study<'_> {
             target.tolerance = tolerance;
             let plan = self.plan_of(&target)?;
             let updates = mode_updates(&target, &plan);
-            if !self.trials.budget.allows(updates, FOR_TOLERANCES) {
-                break;
-            }
-            let added = distance(&self.trials.measure(&target, updates)?.density, &density);
+            let found = self.trials.run_by_modes(scheme, &target, updates, FOR_TOLERANCES)?;
+            let Some(found) = found else { break };
+            let added = distance(&found.density, &density);
             measured = Some(added);
             if added <= allowed || tolerance <= SMALLEST_TOLERANCE {
                 break;
@@ -268,25 +280,25 @@ impl Study<'_> {
         scheme: SchemeChoice,
         plan: &Plan,
     ) -> Result<()> {
-        let (trials, updates, share) = (&mut self.trials, mode_updates(target, plan), self.share);
-        if trials.budget.allows(updates, share) && trials.affords(scheme, &entry.shape, share)? {
-            match trials.measure(target, updates) {
-                Ok(found) => {
-                    entry.seconds = Some(found.seconds);
-                    entry.seconds_measured = true;
-                    let reference = trials.run(scheme, &entry.shape)?;
-                    let added = distance(&found.density, &reference.density);
-                    entry.parts.schrodingerization = Some(added);
-                    match trials.error_of(scheme, &found, &entry.shape)? {
-                        Some(error) => (entry.error, entry.known) = (error, Evidence::Measured),
-                        None => entry.error += added,
-                    }
+        let (trials, shape, share) = (&mut self.trials, &entry.shape, self.share);
+        let found = match trials.affords(scheme, shape, share)? {
+            true => trials.run_by_modes(scheme, target, mode_updates(target, plan), share),
+            false => Ok(None),
+        };
+        match found {
+            Ok(Some(found)) => {
+                entry.seconds = Some(found.seconds);
+                entry.seconds_measured = true;
+                let added = distance(&found.density, &trials.run(scheme, shape)?.density);
+                entry.parts.schrodingerization = Some(added);
+                if let Some(error) = trials.error(scheme, shape)? {
+                    (entry.error, entry.known) = (error, Evidence::Measured);
                 }
-                Err(error) => entry.refused = Some(error.to_string()),
             }
-        } else {
-            entry.error += entry.parts.schrodingerization.unwrap_or(0.0);
+            Ok(None) => {}
+            Err(error) => entry.refused = Some(error.to_string()),
         }
+        entry.error += entry.parts.schrodingerization.unwrap_or(0.0);
         if entry.refused.is_none() && entry.error > self.request.accuracy * (1.0 + ROUND_OFF) {
             let on = shape_text(&entry.shape);
             entry.refused = Some(format!("the error is {:.2e} on {on}", entry.error));

@@ -21,7 +21,7 @@ const ENOUGH_LEVELS: usize = 5;
 /// A grid is cheap if its trial takes at most this part of the scheme's share of the budget.
 const CHEAP: f64 = 0.02;
 /// Part of the scheme's share for the sequence of grids; the rest is for grids that follow from it.
-const FOR_LEVELS: f64 = 0.6;
+pub const FOR_LEVELS: f64 = 0.6;
 /// Factors on the elements along the axes of space, or of velocity, when a grid is trimmed.
 const FEWER: [f64; 2] = [0.5, 0.75];
 /// Part of the scheme's share for balancing space against velocities on a coarse grid.

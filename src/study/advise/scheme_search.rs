@@ -14,7 +14,7 @@ use crate::study::grids::shape_text;
 /// counts about a third of what a core does ([`crate::study::budget`]).
 const MOST_BUDGETS: f64 = 4.0;
 /// Part of the budget for the grid searches of all schemes.
-const FOR_GRIDS: f64 = 0.7;
+pub const FOR_GRIDS: f64 = 0.7;
 /// Largest part of the budget that a trial of the case on its own grid may take.
 const FOR_CASE: f64 = 0.3;
 

@@ -3,10 +3,10 @@
 use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
-use crate::problem::case::{AllowedReductions, Case, Exact, Limiter};
+use crate::problem::case::{AllowedReductions, Case, Exact, Limiter, Method};
 use crate::problem::exact::{MostCells, Tracer, traced_cells};
 use crate::problem::grid::{Axis, AxisPart, averaged};
-use crate::run::errors::quadrature_points;
+use crate::run::errors::exact_points;
 use crate::run::exact::velocities::first_points;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::scheme::SchemeChoice;
@@ -28,8 +28,8 @@ const UPDATES_TO_REDUCE: f64 = 8.0;
 const FOR_REDUCTION: f64 = 0.25;
 /// Updates that an exact value counts as: its formula, and each linear part of a path on which a
 /// particle is traced back.
-const UPDATES_PER_FORMULA: f64 = 4.0;
-const UPDATES_PER_SEGMENT: f64 = 4.0;
+const UPDATES_PER_FORMULA: f64 = 8.0;
+const UPDATES_PER_SEGMENT: f64 = 12.0;
 /// Particles that are traced to count the parts of their paths.
 const TRACED: usize = 200;
 
@@ -102,6 +102,8 @@ pub struct Trials<'a> {
     pub budget: Budget,
     cost: CostModel,
     done: BTreeMap<(SchemeChoice, Vec<usize>), TrialResult>,
+    /// Trials by modes, by the bits of their tolerance too.
+    by_modes: BTreeMap<(SchemeChoice, Vec<usize>, u64), TrialResult>,
     exact_densities: BTreeMap<Vec<usize>, Vec<f64>>,
 }
 
@@ -138,6 +140,7 @@ impl<'a> Trials<'a> {
             budget,
             cost: CostModel::default(),
             done: BTreeMap::new(),
+            by_modes: BTreeMap::new(),
             exact_densities: BTreeMap::new(),
         })
     }
@@ -205,6 +208,14 @@ impl<'a> Trials<'a> {
         Ok((self.cost.work(case)? + UPDATES_TO_PREPARE) * cells(&case.space.shape()))
     }
 
+    /// Updates that a trial of `scheme` on `shape` counts as, with its comparison.
+    ///
+    /// # Errors
+    /// As [`CostModel::work`].
+    pub fn updates_to_try(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<f64> {
+        Ok(self.updates(scheme, shape)? + self.updates_to_compare(scheme, shape))
+    }
+
     /// Updates that a comparison with the exact density on `shape` counts as. For degree 0 the
     /// exact density is computed once a grid; for higher degrees with each trial, at more points
     /// than nodes.
@@ -217,10 +228,11 @@ impl<'a> Trials<'a> {
             return 0.0;
         }
         let of_degree = self.degree_case(scheme);
-        let case = self.merged(&scheme.schrodingerized(&of_degree.base, shape));
+        let case = scheme.schrodingerized(&of_degree.base, shape);
         let points = match scheme.degree {
-            0 => first_points(&case),
-            _ => cells(&case.space.shape()) + quadrature_points(&case.space),
+            0 => first_points(&self.merged(&case)),
+            // Errors are integrated over the whole grid.
+            _ => cells(&case.space.shape()) + exact_points(&case),
         };
         of_degree.updates_per_exact_value * points
     }
@@ -230,7 +242,7 @@ impl<'a> Trials<'a> {
     /// # Errors
     /// As [`CostModel::work`].
     pub fn is_cheap(&mut self, scheme: SchemeChoice, shape: &[usize], part: f64) -> Result<bool> {
-        let updates = self.updates(scheme, shape)? + self.updates_to_compare(scheme, shape);
+        let updates = self.updates_to_try(scheme, shape)?;
         Ok(self.budget.holds(updates, part))
     }
 
@@ -270,13 +282,15 @@ impl<'a> Trials<'a> {
         Ok(&self.done[&key])
     }
 
-    /// Runs `case`, which counts as this many `updates`. Collective.
+    /// Runs `case`, which counts as this many `updates`. Only classical runs are compared with the
+    /// exact solution: a run by modes is compared with the classical one. Collective.
     ///
     /// # Errors
     /// As [`trial`] and [`density_of`].
     pub fn measure(&mut self, case: &Case, updates: f64) -> Result<TrialResult> {
         self.budget.count(updates);
-        let exact = self.exact.clone().filter(|_| case.space.degree() > 0);
+        let compared = case.method == Method::Classical && case.space.degree() > 0;
+        let exact = self.exact.clone().filter(|_| compared);
         let found = trial(self.world, &Case { exact, ..case.clone() })?;
         let group = self.world.group();
         let density = density_of(&group, &case.space, &found)?;
@@ -286,6 +300,30 @@ impl<'a> Trials<'a> {
         let spread = spread(&group, &case.space, &found, &density);
         let error = found.summary.error_density_l1_relative;
         Ok(TrialResult { density, error, seconds: result, spread })
+    }
+
+    /// Tries `target`, which is `scheme` on `shape` by modes, and counts as this many `updates`, if
+    /// it was not tried. `None` if the budget does not hold it up to its part `share`. Collective.
+    ///
+    /// # Errors
+    /// As [`Trials::measure`].
+    pub fn run_by_modes(
+        &mut self,
+        scheme: SchemeChoice,
+        target: &Case,
+        updates: f64,
+        share: f64,
+    ) -> Result<Option<TrialResult>> {
+        let key = (scheme, target.space.elements(), target.tolerance.to_bits());
+        if let Some(known) = self.by_modes.get(&key) {
+            return Ok(Some(known.clone()));
+        }
+        if !self.budget.allows(updates, share) {
+            return Ok(None);
+        }
+        let found = self.measure(target, updates)?;
+        self.by_modes.insert(key, found.clone());
+        Ok(Some(found))
     }
 
     /// Predicted seconds of a run of `case` by `plan`, from the trials so far.
@@ -301,19 +339,6 @@ impl<'a> Trials<'a> {
     /// As [`Trials::run`] and [`exact_density`].
     pub fn error(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<Option<f64>> {
         let found = self.run(scheme, shape)?.clone();
-        self.error_of(scheme, &found, shape)
-    }
-
-    /// The error as in [`error`](Self::error), of the trial `found` on `shape`. Collective.
-    ///
-    /// # Errors
-    /// As [`exact_density`].
-    pub fn error_of(
-        &mut self,
-        scheme: SchemeChoice,
-        found: &TrialResult,
-        shape: &[usize],
-    ) -> Result<Option<f64>> {
         if scheme.degree > 0 {
             return Ok(found.error);
         }
@@ -321,8 +346,8 @@ impl<'a> Trials<'a> {
         if !self.exact_densities.contains_key(shape) {
             let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
             self.budget.count(self.updates_to_compare(scheme, shape));
-            let found = exact_density(self.budget.group(), &case, exact)?;
-            self.exact_densities.insert(shape.to_vec(), found);
+            let density = exact_density(self.budget.group(), &case, exact)?;
+            self.exact_densities.insert(shape.to_vec(), density);
         }
         Ok(Some(distance(&found.density, &self.exact_densities[shape])))
     }
