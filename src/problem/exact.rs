@@ -36,7 +36,7 @@ use crate::problem::exact::by_axes::{
     AxisLine, AxisPaths, EndByAxes, LineParticle, REST, moves_by_axes,
 };
 pub use crate::problem::exact::traced_grid::{MOST_EXAMINED, MostCells, traced_cells};
-use crate::problem::exact::traced_grid::{free_layers, traced_space};
+use crate::problem::exact::traced_grid::{TracedGrid, free_layers, traced_grid};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;
 
@@ -139,6 +139,8 @@ pub struct Tracer<'a> {
     paths: Option<AxisPaths>,
     /// Faces, slopes and jumps along each axis, if they depend on the position along it alone.
     lines: Vec<AxisLine>,
+    /// See [`Tracer::is_accurate`].
+    is_accurate: bool,
 }
 
 /// A particle that is traced.
@@ -252,7 +254,7 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn with_cells(case: &'a Case, most: MostCells) -> Result<Self> {
-        let space = traced_space(case, most)?;
+        let TracedGrid { space, is_accurate } = traced_grid(case, most)?;
         let potential = Potential::whole(&Case { space: space.clone(), ..case.clone() })?;
         let rate = |a: usize| {
             let (x, v) = (space.x[a].width(), &space.v[a]);
@@ -282,7 +284,14 @@ impl<'a> Tracer<'a> {
             face_rate,
             paths,
             lines,
+            is_accurate,
         })
+    }
+
+    /// Whether paths are accurate: `V` is linear in the elements of the case, or traced on at least
+    /// 128 cells along each axis.
+    pub fn is_accurate(&self) -> bool {
+        self.is_accurate
     }
 
     /// This tracer, whose [`follow`](Self::follow) goes forward in time.

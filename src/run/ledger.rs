@@ -18,7 +18,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
-use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer, traced_cells};
+use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
 use crate::problem::grid::{AxisEnd, PhaseSpace, axis_names, coordinate};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
@@ -81,9 +81,8 @@ pub fn before_run(world: &Group, case: &Case, arrivals: &mut Arrivals) -> Result
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
         estimate(world, case, &tracer, &mut ledger, arrivals);
-        let cells = [MostCells::ESTIMATES, MostCells::EXACT].map(|most| traced_cells(case, most));
-        if cells[0] < cells[1] {
-            // Of a curved V the paths are good enough for the balance only.
+        if !tracer.is_accurate() {
+            // The paths are good enough for the balance only.
             *arrivals = Arrivals::default();
         }
     }

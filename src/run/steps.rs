@@ -262,15 +262,15 @@ impl<'a> Driver<'a> {
         ledger.close(start.totals, results.totals, start.entered);
         self.warn_later(ledger.warnings());
         self.summary.ledger = Some(ledger);
-        let (share, field, density) =
-            (&rank_cells.share, &results.fields[0], &results.moments.density);
-        let result = ComparedResult { case: &case, share, field, density };
-        self.summary.accuracy.particles = start.arrivals.errors(world, &result);
-        if let Some(exact) = exact.moments.last() {
-            let shown = start.arrivals.error_of(world, &result, &exact.density);
-            let errors = self.summary.exact_density_error.into_iter();
-            let shown = shown.filter(|error| *error > 0.0);
-            self.summary.exact_density_error = errors.chain(shown).reduce(f64::max);
+        if let Some(arrivals) = start.arrivals.gathered(world) {
+            let (share, field) = (&rank_cells.share, &results.fields[0]);
+            let density = &results.moments.density;
+            let result = ComparedResult { case: &case, share, field, density };
+            self.summary.accuracy.particles = arrivals.errors(world, &result);
+            let of_exact = |exact: &Moments| arrivals.error_of(world, &result, &exact.density);
+            let shown = exact.moments.last().and_then(of_exact).filter(|error| *error > 0.0);
+            let errors = self.summary.exact_density_error.into_iter().chain(shown);
+            self.summary.exact_density_error = errors.reduce(f64::max);
         }
         self.warn_later(self.summary.exact_density_warning());
         self.log.watch.part("exact", results.exact_seconds);

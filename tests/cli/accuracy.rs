@@ -393,7 +393,9 @@ fn particles_show_errors_that_no_estimate_sees() {
 /// If nothing is known about the error of the grid, the last line says why.
 #[test]
 fn unknown_errors_are_called_unknown() {
-    let finished = run("example3.toml").set(&["exact={}"]).succeed().unwrap();
+    let place = directory();
+    let job = run("example3.toml").set(&["exact={}"]).into(place.path());
+    let finished = job.succeed().unwrap();
     let last = finished.output.lines().rev().take(2).collect::<Vec<_>>();
     let last = format!("{} {}", last[1], last[0]);
     let wording = ["error of the grid not estimated", "measure-valued", "measures it"];

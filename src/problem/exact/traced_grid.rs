@@ -86,11 +86,26 @@ const MOST_CELLS_IN_LINE: usize = 8192;
 /// make this number of cells along an axis.
 const ENOUGH_CELLS: usize = 512;
 
+/// A curved `V` on at least this number of cells along each axis is traced well enough to tell
+/// large errors of a run from small ones.
+const FINE_CELLS: usize = 128;
+
+/// The grid on which particles are traced.
+pub(super) struct TracedGrid {
+    /// Its cells.
+    pub space: PhaseSpace,
+    /// Whether `V` is linear in the case's elements, or curved and on enough cells.
+    pub is_accurate: bool,
+}
+
 /// The grid on which particles are traced. Its cells are the case's elements, cut into parts for
 /// two reasons: if `V` is curved in an element, into as many as `most` allows; and if an edge of a
 /// region lies inside of an element, so that it comes to lie on a face.
-pub(super) fn traced_space(case: &Case, most: MostCells) -> Result<PhaseSpace> {
-    Ok(cut_elements(case, &region_edges(case), most, is_curved(case)?))
+pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
+    let is_curved = is_curved(case)?;
+    let space = cut_elements(case, &region_edges(case), most, is_curved);
+    let is_fine = space.x.iter().all(|axis| axis.cells >= FINE_CELLS);
+    Ok(TracedGrid { space, is_accurate: !is_curved || is_fine })
 }
 
 /// Number of space cells in which [`Tracer::with_cells`](super::Tracer::with_cells) keeps `V`, from

@@ -39,6 +39,12 @@ pub struct Arrivals {
     of: [Vec<[f64; NUMBERS]>; REPLICATES],
 }
 
+/// The arrivals of all replicates, the same on all ranks: as many of each replicate, the last ones
+/// with zeros.
+pub struct AllArrivals {
+    by_replicate: Vec<Vec<[f64; NUMBERS]>>,
+}
+
 /// A result on a rank's share of its grid.
 pub struct ComparedResult<'a> {
     /// The case on the grid of the results.
@@ -60,9 +66,8 @@ impl Arrivals {
         self.of[replicate].push(numbers);
     }
 
-    /// The arrivals of all replicates, the same on all ranks; `None` if there are none. Those of a
-    /// replicate end with zeros. Collective.
-    fn gathered(&self, world: &Group) -> Option<Vec<Vec<[f64; NUMBERS]>>> {
+    /// The arrivals of all ranks; `None` if there are none. Collective.
+    pub fn gathered(&self, world: &Group) -> Option<AllArrivals> {
         let longest = self.of.iter().map(Vec::len).max().unwrap_or(0);
         let longest = world.max_count(longest);
         let mut all = vec![0.0; REPLICATES * longest * NUMBERS];
@@ -73,27 +78,30 @@ impl Arrivals {
         }
         let all = world.gathered(all);
         let (records, _) = all.as_chunks::<NUMBERS>();
-        (longest > 0).then(|| records.chunks(longest).map(<[_]>::to_vec).collect())
+        (longest > 0).then(|| AllArrivals {
+            by_replicate: records.chunks(longest).map(<[_]>::to_vec).collect(),
+        })
     }
+}
 
+impl AllArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
     pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
-        let Some(all) = self.gathered(world) else { return ParticleErrors::default() };
         let is_density = matches!(result.case.data, Data::Density);
         ParticleErrors {
-            field: is_density.then(|| field_error(world, result, &all)).flatten(),
-            density: density_error(world, result, result.density, &all),
+            field: is_density.then(|| field_error(world, result, &self.by_replicate)).flatten(),
+            density: self.error_of(world, result, result.density),
         }
     }
 
-    /// The relative L1 error of another `density` on the share of `result`. Collective.
+    /// The relative L1 error of a `density` on the share of `result`. Collective.
     pub fn error_of(
         &self,
         world: &Group,
         result: &ComparedResult<'_>,
         density: &[f64],
     ) -> Option<f64> {
-        self.gathered(world).and_then(|all| density_error(world, result, density, &all))
+        density_error(world, result, density, &self.by_replicate)
     }
 }
 
