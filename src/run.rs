@@ -83,19 +83,32 @@ pub fn is_done_and_tidy(world: &World, directory: &Path, case: &Case) -> bool {
     is_done
 }
 
-/// The last lines of the finished run in `directory`: its errors, and the goals that it misses. On
-/// other ranks than the first they are empty. Collective.
+/// Returns an error if the finished run of `case` in `directory` misses its goals and
+/// `solver.strict` is set. Collective.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Missed`] if it misses a goal and `solver.strict` is set;
+/// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] if its summary
+/// cannot be read.
+pub fn refuse_missed(world: &World, directory: &Path, strict: bool) -> Result<()> {
+    world.group().on_first_rank(|| {
+        let missed = MissedGoals::deserialize(&summary::read(directory)?["missed"]);
+        missed.unwrap_or_default().refuse(strict)
+    })
+}
+
+/// The lines about the errors of the finished run in `directory`, and the goals that it misses, the
+/// latter not if they are an error (`strict`). On other ranks than the first they are empty.
+/// Collective.
+///
+/// # Errors
 /// [`crate::base::error::Error::Output`] if its summary cannot be read.
-pub fn last_lines(world: &World, directory: &Path, strict: bool) -> Result<Vec<String>> {
+pub fn lines_about_errors(world: &World, directory: &Path, strict: bool) -> Result<Vec<String>> {
     world.group().on_first_rank(|| {
         let stored = summary::read(directory)?;
-        let missed = MissedGoals::deserialize(&stored["missed"]).unwrap_or_default();
-        missed.refuse(strict)?;
         let accuracy = Accuracy::deserialize(&stored["accuracy"]).unwrap_or_default();
-        Ok(accuracy.line().into_iter().chain(missed.line()).collect())
+        let missed = MissedGoals::deserialize(&stored["missed"]).unwrap_or_default();
+        let missed = missed.line().filter(|_| !strict);
+        Ok(accuracy.line().into_iter().chain(missed).collect())
     })
 }
 

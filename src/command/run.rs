@@ -44,10 +44,10 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     if args.resume && run::is_done_and_tidy(world, &directory, &case) {
         let shown = directory.display();
         print(world, &format!("--resume: the run is finished; results in {shown}"));
-        for line in run::last_lines(world, &directory, case.strict)? {
+        for line in run::lines_about_errors(world, &directory, case.strict)? {
             print(world, &line);
         }
-        return Ok(());
+        return run::refuse_missed(world, &directory, case.strict);
     }
     let options = Options {
         ranks_x: args.ranks_x.clone(),

@@ -289,7 +289,7 @@ impl<'a> Tracer<'a> {
     }
 
     /// Whether paths are accurate: `V` is linear in the elements of the case, or traced on at least
-    /// 128 cells along each axis.
+    /// 128 cells along each axis that has more than one.
     pub fn is_accurate(&self) -> bool {
         self.is_accurate
     }

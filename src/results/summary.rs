@@ -321,6 +321,14 @@ impl MissedGoals {
         let missed = density.filter(|(error, goal)| error > goal).map(|(error, goal)| {
             format!("accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1)")
         });
+        let shown = summary.accuracy.particles.density.zip(case.accuracy);
+        let shown = shown.filter(|(error, goal)| density.is_none() && error > goal);
+        let missed = missed.or(shown.map(|(error, goal)| {
+            format!(
+                "accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1, shown by \
+                 particles)"
+            )
+        }));
         let unknown = case.accuracy.filter(|_| summary.accuracy.staircase).map(|goal| {
             format!(
                 "accuracy {goal:e} of the density NOT SHOWN: an edge of V is not along the axes"
@@ -597,7 +605,8 @@ impl Summary {
         self.accuracy = accuracy.with_grid(measured, estimated);
         self.missed = MissedGoals::new(case, self);
         let accuracy = &mut self.accuracy;
-        let of_density = accuracy.goal_error.or(accuracy.goal_estimate);
+        let expected = accuracy.goal_estimate.into_iter().chain(accuracy.particles.density);
+        let of_density = accuracy.goal_error.or(expected.reduce(f64::max));
         if let Some((error, goal)) = of_density.zip(accuracy.goal) {
             accuracy.under_resolved = error > goal;
         }
@@ -615,8 +624,11 @@ impl Summary {
                 Data::Density => "jumps of V or ends of the box are nearly everywhere",
                 Data::Measure { .. } => "there is no estimate for measure-valued data",
             };
-            let measured = "[exact] kind = \"characteristics\" measures it";
-            accuracy.unknown = Some(format!("{why}; {measured}"));
+            let small = "; particles of the exact flow show no error of the density above a tenth";
+            let small = accuracy.particles.density.map_or("", |_| small);
+            let measured = "; [exact] kind = \"characteristics\" measures it";
+            let measured = if case.reflects() || case.start.is_some() { "" } else { measured };
+            accuracy.unknown = Some(format!("{why}{small}{measured}"));
         } else if of_density.is_some()
             && accuracy.grid.is_some_and(|error| error > LARGE_GRID_ERROR)
         {

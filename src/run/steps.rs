@@ -6,7 +6,7 @@ use crate::matrix::observables::{CellVolumes, Moments, Totals};
 use crate::parallel::communicator::World;
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Data};
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
@@ -267,10 +267,15 @@ impl<'a> Driver<'a> {
             let density = &results.moments.density;
             let result = ComparedResult { case: &case, share, field, density };
             self.summary.accuracy.particles = arrivals.errors(world, &result);
-            let of_exact = |exact: &Moments| arrivals.error_of(world, &result, &exact.density);
-            let shown = exact.moments.last().and_then(of_exact).filter(|error| *error > 0.0);
-            let errors = self.summary.exact_density_error.into_iter().chain(shown);
-            self.summary.exact_density_error = errors.reduce(f64::max);
+            // In one dimension, the exact density of degree 0 is an average over each cell.
+            let has_averages = matches!(case.data, Data::Density)
+                && case.space.dimension() == 1
+                && case.space.whole_degree() == 0;
+            let exact = exact.moments.last().filter(|_| has_averages);
+            let shown = exact.and_then(|exact| arrivals.error_of(world, &result, &exact.density));
+            let errors = self.summary.exact_density_error.into_iter();
+            let shown = shown.filter(|error| *error > 0.0);
+            self.summary.exact_density_error = errors.chain(shown).reduce(f64::max);
         }
         self.warn_later(self.summary.exact_density_warning());
         self.log.watch.part("exact", results.exact_seconds);

@@ -314,7 +314,8 @@ impl Grids {
         let mut free = (0..shape.len()).filter(|&k| !self.merged[k]).peekable();
         free.peek()?;
         let fewest = self.fewest[self.dimension() - 1];
-        free.all(|k| shape[k] >= fewest && self.can_halve(k, shape[k]))
+        let enough = |k: usize| shape[k] >= fewest.min(self.axes[k].elements());
+        free.all(|k| enough(k) && self.can_halve(k, shape[k]))
             .then(|| self.mapped(shape, |_, n| n / 2))
     }
 

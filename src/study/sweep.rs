@@ -180,7 +180,7 @@ impl Sweep {
         match self.attempt(world, run, options) {
             Ok(done) => {
                 self.report_end(world, run, &completion(done));
-                run::last_lines(world, &run.directory, self.case(run)?.strict).map(|_| ())
+                run::refuse_missed(world, &run.directory, self.case(run)?.strict)
             }
             Err(error) if error.exit_code() == CAN_GO_ON => {
                 Err(self.stopped(reason_text(&error), 0, 1))
@@ -293,7 +293,7 @@ impl Sweep {
     /// and `solver.strict` makes that an error. Only the first rank has the summary. Collective.
     fn row(&self, world: &World, run: &SweepRun) -> Result<SweepRow> {
         let found = world.group().on_first_rank(|| summary::read(&run.directory))?;
-        let missed = run::last_lines(world, &run.directory, self.case(run)?.strict);
+        let missed = run::refuse_missed(world, &run.directory, self.case(run)?.strict);
         Ok(run.row(found, missed.err().map(|error| error.to_string())))
     }
 

@@ -180,14 +180,13 @@ const FAULTS: [FaultKind; 10] = [
     fault("SIGKILL to a rank", Fault::Rank(1), &[137], &[9, 255]),
     // For these signals mpirun has its own exit code or ends by the signal. MPICH's hands them on;
     // in a set-up the first rank that ends with 75 makes it kill the others, and it returns 9. It
-    // returns 255 if it was about to write to a rank that was killed or ended by a signal, and
-    // sometimes 1 for a rank that ended while MPI started.
+    // returns 255 if it was about to write to a rank that was killed or ended by a signal.
     fault("SIGTERM to mpirun", Fault::Terminate, &[1, 143], &[75, 143, 9]),
     fault("SIGINT to mpirun", Fault::Interrupt, &[1, 130], &[75, 130, 9]),
     fault("SIGUSR1 to mpirun", Fault::Signal, &[75], &[75, 9]),
-    fault("SIGTERM to a rank", Fault::Send("-TERM", 1), &[75], &[75, 9, 1, 255]),
-    fault("SIGINT to a rank", Fault::Send("-INT", 0), &[75], &[75, 9, 1, 255]),
-    fault("SIGUSR1 to a rank", Fault::Send("-USR1", 1), &[75], &[75, 9, 1, 255]),
+    fault("SIGTERM to a rank", Fault::Send("-TERM", 1), &[75], &[75, 9, 255]),
+    fault("SIGINT to a rank", Fault::Send("-INT", 0), &[75], &[75, 9, 255]),
+    fault("SIGUSR1 to a rank", Fault::Send("-USR1", 1), &[75], &[75, 9, 255]),
     fault("SIGSTOP of a rank for half a second", Fault::Pause(0), &[], &[]),
 ];
 

@@ -86,7 +86,7 @@ const MOST_CELLS_IN_LINE: usize = 8192;
 /// make this number of cells along an axis.
 const ENOUGH_CELLS: usize = 512;
 
-/// A curved `V` on at least this number of cells along each axis is traced well enough to tell
+/// A curved `V` on at least this number of cells along each axis, or one, is traced well enough to tell
 /// large errors of a run from small ones.
 const FINE_CELLS: usize = 128;
 
@@ -104,7 +104,7 @@ pub(super) struct TracedGrid {
 pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
     let is_curved = is_curved(case)?;
     let space = cut_elements(case, &region_edges(case), most, is_curved);
-    let is_fine = space.x.iter().all(|axis| axis.cells >= FINE_CELLS);
+    let is_fine = space.x.iter().all(|axis| axis.cells == 1 || axis.cells >= FINE_CELLS);
     Ok(TracedGrid { space, is_accurate: !is_curved || is_fine })
 }
 

@@ -3,17 +3,17 @@
 //! An estimate from the solution alone does not see what the grid has lost: after long times the
 //! scheme has smeared `f` out, or its velocities are too few for the filaments of `f`. The
 //! particles that the ledger follows arrive at points `z_p` with masses `m_p`, and `f` keeps its
-//! value `f_p` along a path. So for any `f_h`
+//! value `f_p` along a path. Their masses are `f` times a volume, so that
 //!
 //! ```text
-//! ‖f_h − f‖²         = ‖f_h‖² − 2 Σ m_p f_h(z_p) + Σ m_p f_p
-//! ∫ over a part of ρ = Σ m_p of the particles that arrive there
+//! ∫ (f_h − f)² where f ≠ 0 = Σ (m_p/f_p) (f_h(z_p) − f_p)²,   ∫ f² = Σ m_p f_p
+//! ∫ over a part of ρ       = Σ m_p of the particles that arrive there
 //! ```
 //!
 //! up to the scatter of the particles. The errors of this module are those found, less
-//! [`STANDARD_ERRORS`] standard errors of the replicates: small errors are not shown. `f_h` is the
-//! polynomial of each element along axes of a higher degree. Along those of degree 0 it is
-//! interpolated between centres, which on coarse grids adds up to 0.8 of the error at the centres.
+//! [`STANDARD_ERRORS`] standard errors of the replicates: small errors are not shown, nor those
+//! where no particle arrives. `f_h` is the polynomial of each element along axes of a higher
+//! degree, and interpolated between centres along those of degree 0.
 
 use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
@@ -30,8 +30,12 @@ const PARTS: [usize; MAX_DIMENSION] = [16, 4, 3];
 /// particles of a replicate.
 const MOST_PRODUCTS: usize = 20_000_000;
 const LEAST_PARTICLES: usize = 16;
+/// Least number of replicates of which particles arrive.
+const LEAST_REPLICATES: usize = 12;
 /// Numbers of a particle that arrived: its point, its mass, and its value of `f`.
 const NUMBERS: usize = 8;
+const MASS: usize = 6;
+const VALUE: usize = 7;
 
 /// Particles that were in the box at the end, by replicate. Each rank has its own replicates.
 #[derive(Default)]
@@ -41,7 +45,7 @@ pub struct Arrivals {
 
 /// The arrivals of all replicates, the same on all ranks: as many of each replicate, the last ones
 /// with zeros.
-pub struct AllArrivals {
+pub struct GatheredArrivals {
     by_replicate: Vec<Vec<[f64; NUMBERS]>>,
 }
 
@@ -62,12 +66,12 @@ impl Arrivals {
     pub fn add(&mut self, replicate: usize, particle: &Particle, point: [f64; 6], mass: f64) {
         let mut numbers = [0.0; NUMBERS];
         numbers[..6].copy_from_slice(&point);
-        (numbers[6], numbers[7]) = (mass, particle.value);
+        (numbers[MASS], numbers[VALUE]) = (mass, particle.value);
         self.of[replicate].push(numbers);
     }
 
-    /// The arrivals of all ranks; `None` if there are none. Collective.
-    pub fn gathered(&self, world: &Group) -> Option<AllArrivals> {
+    /// The arrivals of all ranks; `None` if they are of too few replicates. Collective.
+    pub fn gathered(&self, world: &Group) -> Option<GatheredArrivals> {
         let longest = self.of.iter().map(Vec::len).max().unwrap_or(0);
         let longest = world.max_count(longest);
         let mut all = vec![0.0; REPLICATES * longest * NUMBERS];
@@ -78,13 +82,14 @@ impl Arrivals {
         }
         let all = world.gathered(all);
         let (records, _) = all.as_chunks::<NUMBERS>();
-        (longest > 0).then(|| AllArrivals {
-            by_replicate: records.chunks(longest).map(<[_]>::to_vec).collect(),
-        })
+        let by_replicate: Vec<_> = records.chunks(longest.max(1)).map(<[_]>::to_vec).collect();
+        let arrived = |of: &&Vec<[f64; NUMBERS]>| of.iter().any(|record| record[MASS] != 0.0);
+        let replicates = by_replicate.iter().filter(arrived).count();
+        (replicates >= LEAST_REPLICATES).then_some(GatheredArrivals { by_replicate })
     }
 }
 
-impl AllArrivals {
+impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
     pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
         let is_density = matches!(result.case.data, Data::Density);
@@ -113,37 +118,30 @@ fn mean(values: &[f64]) -> [f64; 2] {
     [mean, (squares / (count * (count - 1.0))).sqrt()]
 }
 
-/// `‖f_h − f‖ / ‖f‖` in L2. Collective.
+/// `‖f_h − f‖ / ‖f‖` in L2, where `f ≠ 0`. Collective.
 fn field_error(
     world: &Group,
     result: &ComparedResult<'_>,
     all: &[Vec<[f64; NUMBERS]>],
 ) -> Option<f64> {
-    let ComparedResult { case, share, field, .. } = *result;
-    let volumes = CellVolumes::new(&case.space, share);
-    let square = volumes.mean() * volumes.power_sum(world, 2, |i| field[i]);
-    let points: usize = case.space.axes().map(|axis| axis.nodes.count().max(2)).product();
+    let points: usize = result.case.space.axes().map(|axis| axis.nodes.count().max(2)).product();
     let most = (MOST_PRODUCTS / (REPLICATES * points)).max(LEAST_PARTICLES);
     let step = all[0].len().div_ceil(most);
     let chosen: Vec<&[f64; NUMBERS]> = all.iter().flat_map(|of| of.iter().step_by(step)).collect();
     let values = values_at(world, result, &chosen);
     let each = chosen.len() / REPLICATES;
-    // The chosen particles have the mass of all.
-    let scale = all[0].len() as f64 / each as f64;
     let sums = chosen.chunks(each).zip(values.chunks(each)).map(|(records, values)| {
-        let mut sums = [0.0; 2];
-        for (record, value) in records.iter().zip(values) {
-            let mass = scale * record[6];
-            sums[0] += mass * value;
-            sums[1] += mass * record[7];
-        }
-        sums
+        let arrived = records.iter().zip(values).filter(|(record, _)| record[MASS] != 0.0);
+        let terms = arrived.map(|(record, value)| {
+            let (mass, exact) = (record[MASS], record[VALUE]);
+            [mass / exact * (value - exact) * (value - exact), mass * exact]
+        });
+        terms.fold([0.0; 2], |sums, terms| [sums[0] + terms[0], sums[1] + terms[1]])
     });
-    let (errors, sizes): (Vec<f64>, Vec<f64>) =
-        sums.map(|[with, own]| (square - 2.0 * with + own, own)).unzip();
+    let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|[error, size]| (error, size)).unzip();
     let ([error, scatter], [size, _]) = (mean(&errors), mean(&sizes));
-    let least = (error - STANDARD_ERRORS * scatter).max(0.0);
-    Some((least / size).sqrt().min(1.0)).filter(|error| error.is_finite())
+    let shown = (error - STANDARD_ERRORS * scatter).max(0.0);
+    Some((shown / size).sqrt().min(1.0)).filter(|error| error.is_finite())
 }
 
 /// `f_h` at the points of `records`, the same on all ranks. Collective.
@@ -155,7 +153,7 @@ fn values_at(world: &Group, result: &ComparedResult<'_>, records: &[&[f64; NUMBE
     // Each part of a value is known on one rank.
     let mut parts = vec![0.0; records.len() << corners];
     for (record, parts) in records.iter().zip(parts.chunks_mut(1 << corners)) {
-        if record[6] == 0.0 {
+        if record[MASS] == 0.0 {
             continue;
         }
         let of_axis = |k: usize| interpolation(space, k, record[coordinate(n, k)]);
@@ -244,11 +242,11 @@ fn density_error(
     let mut by_replicate = vec![vec![0.0; all.len()]; count];
     let (mut absolute, mut arrived) = (0.0, 0);
     for (replicate, records) in all.iter().enumerate() {
-        for record in records.iter().filter(|record| record[6] != 0.0) {
+        for record in records.iter().filter(|record| record[MASS] != 0.0) {
             let axes = space.x.iter().zip(record);
             let at = number(&mut axes.map(|(axis, x)| part_of(axis, element_at(axis, *x))));
-            by_replicate[at][replicate] += record[6];
-            absolute += record[6].abs();
+            by_replicate[at][replicate] += record[MASS];
+            absolute += record[MASS].abs();
             arrived += 1;
         }
     }
