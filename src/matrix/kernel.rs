@@ -265,15 +265,16 @@ fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     let single = lines.start.max(end)..lines.end.max(end);
     let mut vectors = Vectors { y, x, start };
     let velocity_lines = matrix.velocity_lines();
-    if velocity_lines.is_empty() {
-        step_nodes::<V, ROWS, WHOLE, R>(matrix, gathered, &loaded, &mut vectors);
-    } else {
-        for piece in velocity_lines.pieces(matrix.lines(), gathered) {
+    // One loop, as it is large: of two copies the compiler would not inline all parts.
+    let forced = !velocity_lines.is_empty();
+    let mut whole = (!forced).then(|| gathered.clone());
+    let mut pieces = forced.then(|| velocity_lines.pieces(matrix.lines(), gathered));
+    while let Some(piece) = whole.take().or_else(|| pieces.as_mut()?.next()) {
+        if forced {
             let Vectors { y, x, .. } = &mut vectors;
-            let lines = matrix.lines();
-            velocity_lines.step::<V, ROWS, WHOLE>(lines, piece.clone(), constants, y, x);
-            step_nodes::<V, ROWS, WHOLE, R>(matrix, piece, &loaded, &mut vectors);
+            velocity_lines.step::<V, ROWS, WHOLE>(matrix.lines(), piece.clone(), constants, y, x);
         }
+        step_nodes::<V, ROWS, WHOLE, R>(matrix, piece, &loaded, &mut vectors);
     }
     step_rows::<V, R>(matrix, single, &loaded, &mut vectors);
 }
