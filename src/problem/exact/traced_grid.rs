@@ -86,8 +86,8 @@ const MOST_CELLS_IN_LINE: usize = 8192;
 /// make this number of cells along an axis.
 const ENOUGH_CELLS: usize = 512;
 
-/// A curved `V` is traced well enough to tell large errors of a run from small ones on at least this
-/// number of cells along each axis that has more than one.
+/// A curved `V` is traced well enough to tell large errors of a run from small ones on at least
+/// this number of cells along each axis that has more than one.
 const FINE_CELLS: usize = 128;
 
 /// The grid on which particles are traced.
