@@ -14,7 +14,6 @@ use crate::problem::case::Case;
 use crate::results::ledger::Ledger;
 use crate::results::result_grid::ResultGrid;
 use crate::results::untrusted;
-use crate::run::ledger::arrivals::Arrivals;
 use crate::run::planning::{MeasuredCase, reduced_with_start};
 use crate::run::{ledger, warnings};
 use serde::Serialize;
@@ -96,8 +95,7 @@ fn check(world: &World, args: &CheckArgs) -> Result<()> {
     // that cannot be met.
     let measured = MeasuredCase::new(world, &case, &resources)?;
     let plan = measured.plan(&resources)?.plan;
-    let (group, grid) = (world.group(), ResultGrid::new(&case));
-    let mut ledger = ledger::before_run(&group, &grid.case, &mut Arrivals::default())?;
+    let mut ledger = ledger::before_run(&world.group(), &ResultGrid::new(&case).case)?.ledger;
     ledger.mass.initial = measured.at_start.map(|totals| totals.mass);
     let planned = plan.warp.map_or(Vec::new(), |w| w.warnings);
     let found = [warnings::warnings(&case), planned, ledger.warnings()].concat();

@@ -75,6 +75,12 @@ impl PhaseSpace {
         self.x.iter().chain(&self.v)
     }
 
+    /// Axis number `k` of the `2n`, space first.
+    pub fn axis(&self, k: usize) -> &Axis {
+        let n = self.dimension();
+        if k < n { &self.x[k] } else { &self.v[k - n] }
+    }
+
     /// Number of cells along each axis, `(N_x1, …, N_xn, N_v1, …, N_vn)`.
     pub fn shape(&self) -> Vec<usize> {
         self.axes().map(|a| a.cells).collect()

@@ -752,4 +752,27 @@ mod tests {
         assert!(parse(&text.replacen("\"mass\": 0.3", "\"mass\": 0.2", 1)).is_none());
         assert!(parse("{}").is_some() && parse("[]").is_none());
     }
+
+    /// A goal without an exact solution is missed if particles show a larger error of the density,
+    /// and not by a smaller one, nor against a measured error.
+    #[test]
+    fn particles_refute_a_goal() {
+        let text = "[[axis]]\nx = { lower = 0, upper = 1, cells = 8 }\n\
+                    v = { lower = -1, upper = 1, cells = 8 }\n[[potential]]\nvalue = \"0\"\n\
+                    [initial]\nf = \"1\"\n[time]\nend = 1\n[solver]\naccuracy = 1e-2\n";
+        let case = Case::parse("test", text, &[]).expect("a case");
+        let judged = |shown: f64, measured: Option<f64>| {
+            let particles = ParticleErrors { field: None, density: Some(shown) };
+            let accuracy = Accuracy { particles, goal_error: measured, ..Accuracy::default() };
+            let mut summary = Summary { accuracy, ..Summary::default() };
+            summary.judge(&case, [Some(1e-3); 2]);
+            (summary.missed.accuracy, summary.accuracy.under_resolved)
+        };
+        let (missed, under_resolved) = judged(0.2, None);
+        let missed = missed.expect("missed");
+        assert!(missed.contains("MISSED: 2.00e-1 (relative L1, shown by particles)"), "{missed}");
+        assert!(under_resolved);
+        assert_eq!(judged(5e-3, None), (None, false));
+        assert_eq!(judged(0.2, Some(5e-3)), (None, false));
+    }
 }

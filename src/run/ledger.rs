@@ -55,21 +55,28 @@ const ENOUGH: f64 = 1e-10;
 /// time.
 const MOST_VALUES: usize = 1 << 21;
 
-/// The ledger of `case`, on the grid of its results, before the solve: regions, jumps, and
-/// estimates by particles. Particles that are in the box at the end are put into `arrivals`.
-/// Collective.
+/// What is known before the solve.
+#[derive(Default)]
+pub struct LedgerBeforeRun {
+    /// Regions, jumps, and estimates by particles.
+    pub ledger: Ledger,
+    /// Those of the particles that are in the box at the end; none if their paths are not accurate.
+    pub arrivals: Arrivals,
+}
+
+/// The ledger of `case`, on the grid of its results, before the solve. Collective.
 ///
 /// # Errors
 /// If `V` is not finite.
-pub fn before_run(world: &Group, case: &Case, arrivals: &mut Arrivals) -> Result<Ledger> {
-    let mut ledger = Ledger::default();
+pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
+    let LedgerBeforeRun { mut ledger, mut arrivals } = LedgerBeforeRun::default();
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \
              {MOST_EXAMINED} are examined",
             case.space.space_cells()
         ));
-        return Ok(ledger);
+        return Ok(LedgerBeforeRun { ledger, arrivals });
     }
     ledger.regions = regions(case);
     ledger.jumps = jumps(&case.space, &Potential::whole(case)?);
@@ -80,17 +87,16 @@ pub fn before_run(world: &Group, case: &Case, arrivals: &mut Arrivals) -> Result
         ledger.omitted.push(why);
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
-        estimate(world, case, &tracer, &mut ledger, arrivals);
-        if !tracer.is_accurate() {
-            // The paths are good enough for the balance only.
-            *arrivals = Arrivals::default();
+        let found = estimate(world, case, &tracer, &mut ledger);
+        if tracer.is_accurate() {
+            arrivals = found;
         }
     }
     if matches!(case.data, Data::Measure { .. }) {
         let why = "mass that entered: with measure-valued data it is not linear in the fields";
         ledger.omitted.push(why.into());
     }
-    Ok(ledger)
+    Ok(LedgerBeforeRun { ledger, arrivals })
 }
 
 /// The widths of the regions between other regions.
@@ -146,16 +152,15 @@ impl SourceEstimates {
         drawer: &ParticleSampler<'_>,
         tracker: &mut ParticleTracker<'_>,
         points: usize,
-        arrivals: &mut Arrivals,
     ) -> Self {
         let case = drawer.case;
-        let initial = replicated(world, drawer, tracker, ParticleSource::Initial, points, arrivals);
+        let initial = replicated(world, drawer, tracker, ParticleSource::Initial, points);
         let (n, measure) = (case.space.dimension(), drawer.is_measure());
         let entering = case.space.open_ends().into_iter();
         let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
         let mut follow = |end: AxisEnd| {
             let source = ParticleSource::Entering(end);
-            (end, replicated(world, drawer, tracker, source, points, arrivals))
+            (end, replicated(world, drawer, tracker, source, points))
         };
         let entering = entering.map(&mut follow).collect();
         Self { initial, entering }
@@ -192,14 +197,8 @@ impl SourceEstimates {
     }
 }
 
-/// Puts the estimates by particles into `ledger`. Collective.
-fn estimate(
-    world: &Group,
-    case: &Case,
-    tracer: &Tracer<'_>,
-    ledger: &mut Ledger,
-    arrivals: &mut Arrivals,
-) {
+/// Puts the estimates by particles into `ledger`. Returns those in the box at the end. Collective.
+fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger) -> Arrivals {
     let measure = matches!(case.data, Data::Measure { .. });
     let cells = if measure { case.space.space_cells() } else { case.space.cells() };
     let points = (POINTS_PER_CELL * cells).clamp(LEAST_POINTS, MOST_POINTS);
@@ -212,7 +211,7 @@ fn estimate(
     let mut tracker = ParticleTracker::new(case, tracer);
     let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
     let drawer = ParticleSampler { case, within, force: &force };
-    let sources = SourceEstimates::follow(world, &drawer, &mut tracker, points, arrivals);
+    let sources = SourceEstimates::follow(world, &drawer, &mut tracker, points);
     let mass = &mut ledger.mass;
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
@@ -235,6 +234,7 @@ fn estimate(
         ),
         false => outflow(case, &sources, ledger),
     }
+    tracker.arrivals
 }
 
 /// Puts the outflow through each end and the mass that the interface law adds into `ledger`.
@@ -273,7 +273,6 @@ fn replicated(
     tracker: &mut ParticleTracker<'_>,
     source: ParticleSource,
     points: usize,
-    arrivals: &mut Arrivals,
 ) -> TallyEstimate {
     let mine = (world.rank()..REPLICATES).step_by(world.size());
     let many = points / REPLICATES;
@@ -291,11 +290,8 @@ fn replicated(
             }
             let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
             if !drawer.case.reflects() {
-                let share = 1.0 / many as f64;
                 for particle in resampled(&inside, followed) {
-                    if let Some(point) = tracker.follow(&mut tally, &particle, share) {
-                        arrivals.add(replicate, &particle, point, share * particle.mass);
-                    }
+                    tracker.follow(replicate, &mut tally, &particle, 1.0 / many as f64);
                 }
             }
             tally.numbers()

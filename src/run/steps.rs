@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
 use crate::matrix::observables::{CellVolumes, Moments, Totals};
-use crate::parallel::communicator::World;
+use crate::parallel::communicator::{Group, World};
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Data};
@@ -18,6 +18,7 @@ use crate::run::checkpointing::Checkpointing;
 use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::ExpandedResults;
 use crate::run::files::{SolveOutput, WarpedOutput};
+use crate::run::ledger::LedgerBeforeRun;
 use crate::run::ledger::arrivals::{Arrivals, ComparedResult};
 use crate::run::log::RunLog;
 use crate::run::options::Output;
@@ -162,13 +163,9 @@ impl<'a> Driver<'a> {
         let at_start = at_start(&mut planned.prepared);
         let totals = at_start.as_ref().map(|found| found.totals);
         self.summary.mass_initial = totals.map(|totals| totals.mass);
-        let mut arrivals = Arrivals::default();
-        let ledger = match self.output {
-            Some(_) => {
-                let (group, case) = (self.world.group(), &reduced.result_grid.case);
-                ledger::before_run(&group, case, &mut arrivals)?
-            }
-            None => Ledger::default(),
+        let LedgerBeforeRun { ledger, arrivals } = match self.output {
+            Some(_) => ledger::before_run(&self.world.group(), &reduced.result_grid.case)?,
+            None => LedgerBeforeRun::default(),
         };
         let entered = ledger::entered_mass(&planned.prepared);
         self.log.watch.lap("observables");
@@ -245,8 +242,30 @@ impl<'a> Driver<'a> {
     ) -> Result<ExpandedResults> {
         let prepared = &planned.prepared;
         let (grid, summary) = (&reduced.result_grid, &mut self.summary);
-        let results = expand::expand(prepared, solution, grid, exact, summary)?;
-        Ok(results)
+        expand::expand(prepared, solution, grid, exact, summary)
+    }
+
+    /// Puts the errors of `result` that particles show into the summary, and that of the exact
+    /// density with which it was compared. Collective.
+    fn compare_with_particles(
+        &mut self,
+        world: &Group,
+        arrivals: &Arrivals,
+        result: &ComparedResult<'_>,
+        exact: &ExactRun,
+    ) {
+        let Some(arrivals) = arrivals.gathered(world) else { return };
+        self.summary.accuracy.particles = arrivals.errors(world, result);
+        let ComparedResult { case, .. } = result;
+        // In one dimension, the exact density of degree 0 is an average over each cell.
+        let has_averages = matches!(case.data, Data::Density)
+            && case.space.dimension() == 1
+            && case.space.whole_degree() == 0;
+        let exact = exact.moments.last().filter(|_| has_averages);
+        let shown = exact.and_then(|exact| arrivals.error_of(world, result, &exact.density));
+        let shown = shown.filter(|error| *error > 0.0);
+        let known = self.summary.exact_density_error;
+        self.summary.exact_density_error = known.into_iter().chain(shown).reduce(f64::max);
     }
 
     /// Step 10: completes the summary. Collective.
@@ -262,21 +281,13 @@ impl<'a> Driver<'a> {
         ledger.close(start.totals, results.totals, start.entered);
         self.warn_later(ledger.warnings());
         self.summary.ledger = Some(ledger);
-        if let Some(arrivals) = start.arrivals.gathered(world) {
-            let (share, field) = (&rank_cells.share, &results.fields[0]);
-            let density = &results.moments.density;
-            let result = ComparedResult { case: &case, share, field, density };
-            self.summary.accuracy.particles = arrivals.errors(world, &result);
-            // In one dimension, the exact density of degree 0 is an average over each cell.
-            let has_averages = matches!(case.data, Data::Density)
-                && case.space.dimension() == 1
-                && case.space.whole_degree() == 0;
-            let exact = exact.moments.last().filter(|_| has_averages);
-            let shown = exact.and_then(|exact| arrivals.error_of(world, &result, &exact.density));
-            let errors = self.summary.exact_density_error.into_iter();
-            let shown = shown.filter(|error| *error > 0.0);
-            self.summary.exact_density_error = errors.chain(shown).reduce(f64::max);
-        }
+        let result = ComparedResult {
+            case: &case,
+            share: &rank_cells.share,
+            field: &results.fields[0],
+            density: &results.moments.density,
+        };
+        self.compare_with_particles(world, &start.arrivals, &result, &exact);
         self.warn_later(self.summary.exact_density_warning());
         self.log.watch.part("exact", results.exact_seconds);
         self.log.watch.lap("observables");

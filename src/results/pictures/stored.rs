@@ -143,8 +143,7 @@ impl StoredRun {
 
     /// Axis number `a` in storage order.
     pub fn axis(&self, a: usize) -> &Axis {
-        let n = self.dimension();
-        if a < n { &self.space.x[a] } else { &self.space.v[a - n] }
+        self.space.axis(a)
     }
 
     /// The axis of a panel that shows all of axis number `a`.

@@ -32,21 +32,40 @@ const MOST_PRODUCTS: usize = 20_000_000;
 const LEAST_PARTICLES: usize = 16;
 /// Least number of replicates of which particles arrive.
 const LEAST_REPLICATES: usize = 12;
-/// Numbers of a particle that arrived: its point, its mass, and its value of `f`.
+/// Number of numbers of an [`ArrivedParticle`].
 const NUMBERS: usize = 8;
-const MASS: usize = 6;
-const VALUE: usize = 7;
+
+/// A particle that was in the box at the end.
+#[derive(Clone, Copy)]
+struct ArrivedParticle {
+    /// Its point then, `[x, y, z, vx, vy, vz]`.
+    point: [f64; 6],
+    /// Its mass.
+    mass: f64,
+    /// `f` along its path.
+    value: f64,
+}
+
+impl ArrivedParticle {
+    fn numbers(&self) -> [f64; NUMBERS] {
+        let [x, y, z, u, v, w] = self.point;
+        [x, y, z, u, v, w, self.mass, self.value]
+    }
+
+    fn from_numbers([x, y, z, u, v, w, mass, value]: &[f64; NUMBERS]) -> Self {
+        Self { point: [*x, *y, *z, *u, *v, *w], mass: *mass, value: *value }
+    }
+}
 
 /// Particles that were in the box at the end, by replicate. Each rank has its own replicates.
 #[derive(Default)]
 pub struct Arrivals {
-    of: [Vec<[f64; NUMBERS]>; REPLICATES],
+    of: [Vec<ArrivedParticle>; REPLICATES],
 }
 
-/// The arrivals of all replicates, the same on all ranks: as many of each replicate, the last ones
-/// with zeros.
+/// The arrivals of all replicates, the same on all ranks.
 pub struct GatheredArrivals {
-    by_replicate: Vec<Vec<[f64; NUMBERS]>>,
+    by_replicate: Vec<Vec<ArrivedParticle>>,
 }
 
 /// A result on a rank's share of its grid.
@@ -64,27 +83,28 @@ pub struct ComparedResult<'a> {
 impl Arrivals {
     /// Adds a `particle` of a `replicate` that arrived at `point` with a `mass`.
     pub fn add(&mut self, replicate: usize, particle: &Particle, point: [f64; 6], mass: f64) {
-        let mut numbers = [0.0; NUMBERS];
-        numbers[..6].copy_from_slice(&point);
-        (numbers[MASS], numbers[VALUE]) = (mass, particle.value);
-        self.of[replicate].push(numbers);
+        self.of[replicate].push(ArrivedParticle { point, mass, value: particle.value });
     }
 
     /// The arrivals of all ranks; `None` if they are of too few replicates. Collective.
     pub fn gathered(&self, world: &Group) -> Option<GatheredArrivals> {
-        let longest = self.of.iter().map(Vec::len).max().unwrap_or(0);
-        let longest = world.max_count(longest);
+        let longest = world.max_count(self.of.iter().map(Vec::len).max().unwrap_or(0)).max(1);
+        // No arrival has no mass: what follows the last one of a replicate is zero.
         let mut all = vec![0.0; REPLICATES * longest * NUMBERS];
-        for (replicate, arrivals) in self.of.iter().enumerate() {
-            let from = replicate * longest * NUMBERS;
-            let numbers = arrivals.as_flattened();
-            all[from..from + numbers.len()].copy_from_slice(numbers);
+        for (arrivals, numbers) in self.of.iter().zip(all.chunks_mut(longest * NUMBERS)) {
+            for (arrival, numbers) in arrivals.iter().zip(numbers.chunks_mut(NUMBERS)) {
+                numbers.copy_from_slice(&arrival.numbers());
+            }
         }
         let all = world.gathered(all);
-        let (records, _) = all.as_chunks::<NUMBERS>();
-        let by_replicate: Vec<_> = records.chunks(longest.max(1)).map(<[_]>::to_vec).collect();
-        let arrived = |of: &&Vec<[f64; NUMBERS]>| of.iter().any(|record| record[MASS] != 0.0);
-        let replicates = by_replicate.iter().filter(arrived).count();
+        let arrivals = |of: &[[f64; NUMBERS]]| -> Vec<ArrivedParticle> {
+            of.iter()
+                .map(ArrivedParticle::from_numbers)
+                .filter(|arrival| arrival.mass != 0.0)
+                .collect()
+        };
+        let by_replicate: Vec<_> = all.as_chunks().0.chunks(longest).map(arrivals).collect();
+        let replicates = by_replicate.iter().filter(|of| !of.is_empty()).count();
         (replicates >= LEAST_REPLICATES).then_some(GatheredArrivals { by_replicate })
     }
 }
@@ -122,20 +142,20 @@ fn mean(values: &[f64]) -> [f64; 2] {
 fn field_error(
     world: &Group,
     result: &ComparedResult<'_>,
-    all: &[Vec<[f64; NUMBERS]>],
+    all: &[Vec<ArrivedParticle>],
 ) -> Option<f64> {
     let points: usize = result.case.space.axes().map(|axis| axis.nodes.count().max(2)).product();
     let most = (MOST_PRODUCTS / (REPLICATES * points)).max(LEAST_PARTICLES);
-    let step = all[0].len().div_ceil(most);
-    let chosen: Vec<&[f64; NUMBERS]> = all.iter().flat_map(|of| of.iter().step_by(step)).collect();
-    let values = values_at(world, result, &chosen);
-    let each = chosen.len() / REPLICATES;
-    let sums = chosen.chunks(each).zip(values.chunks(each)).map(|(records, values)| {
-        let arrived = records.iter().zip(values).filter(|(record, _)| record[MASS] != 0.0);
-        let terms = arrived.map(|(record, value)| {
-            let (mass, exact) = (record[MASS], record[VALUE]);
-            [mass / exact * (value - exact) * (value - exact), mass * exact]
-        });
+    let step = all.iter().map(Vec::len).max().unwrap_or(0).div_ceil(most);
+    let chosen: Vec<Vec<ArrivedParticle>> =
+        all.iter().map(|of| of.iter().step_by(step).copied().collect()).collect();
+    let mut values = values_at(world, result, &chosen.concat()).into_iter();
+    let sums = chosen.iter().map(|of| {
+        let terms = of.iter().zip(values.by_ref()).map(
+            |(ArrivedParticle { mass, value: exact, .. }, value)| {
+                [mass / exact * (value - exact) * (value - exact), mass * exact]
+            },
+        );
         terms.fold([0.0; 2], |sums, terms| [sums[0] + terms[0], sums[1] + terms[1]])
     });
     let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|[error, size]| (error, size)).unzip();
@@ -144,19 +164,16 @@ fn field_error(
     Some((shown / size).sqrt().min(1.0)).filter(|error| error.is_finite())
 }
 
-/// `f_h` at the points of `records`, the same on all ranks. Collective.
-fn values_at(world: &Group, result: &ComparedResult<'_>, records: &[&[f64; NUMBERS]]) -> Vec<f64> {
+/// `f_h` at the points of `arrivals`, the same on all ranks. Collective.
+fn values_at(world: &Group, result: &ComparedResult<'_>, arrivals: &[ArrivedParticle]) -> Vec<f64> {
     let space = &result.case.space;
     let n = space.dimension();
     let velocities = space.velocity_cells();
     let corners = space.x.iter().filter(|axis| axis.nodes.degree == 0).count();
     // Each part of a value is known on one rank.
-    let mut parts = vec![0.0; records.len() << corners];
-    for (record, parts) in records.iter().zip(parts.chunks_mut(1 << corners)) {
-        if record[MASS] == 0.0 {
-            continue;
-        }
-        let of_axis = |k: usize| interpolation(space, k, record[coordinate(n, k)]);
+    let mut parts = vec![0.0; arrivals.len() << corners];
+    for (arrival, parts) in arrivals.iter().zip(parts.chunks_mut(1 << corners)) {
+        let of_axis = |k: usize| interpolation(space, k, arrival.point[coordinate(n, k)]);
         let along: Vec<Vec<(usize, f64)>> = (0..2 * n).map(of_axis).collect();
         let of_velocity = products(&along[n..], |k| 0..space.v[k].cells);
         for (corner, part) in parts.iter_mut().enumerate() {
@@ -183,7 +200,7 @@ fn values_at(world: &Group, result: &ComparedResult<'_>, records: &[&[f64; NUMBE
 /// The cells along axis `k` of the `2n` by which a function is interpolated at `x`, with weights.
 fn interpolation(space: &PhaseSpace, k: usize, x: f64) -> Vec<(usize, f64)> {
     let n = space.dimension();
-    let axis = if k < n { &space.x[k] } else { &space.v[k - n] };
+    let axis = space.axis(k);
     let position = axis.position(x);
     if axis.nodes.degree > 0 {
         let element = element_at(axis, x);
@@ -231,7 +248,7 @@ fn density_error(
     world: &Group,
     result: &ComparedResult<'_>,
     density: &[f64],
-    all: &[Vec<[f64; NUMBERS]>],
+    all: &[Vec<ArrivedParticle>],
 ) -> Option<f64> {
     let (space, share) = (&result.case.space, result.share);
     let most = PARTS[space.dimension() - 1];
@@ -241,12 +258,12 @@ fn density_error(
     let count = most.pow(space.dimension() as u32);
     let mut by_replicate = vec![vec![0.0; all.len()]; count];
     let (mut absolute, mut arrived) = (0.0, 0);
-    for (replicate, records) in all.iter().enumerate() {
-        for record in records.iter().filter(|record| record[MASS] != 0.0) {
-            let axes = space.x.iter().zip(record);
+    for (replicate, arrivals) in all.iter().enumerate() {
+        for ArrivedParticle { point, mass, .. } in arrivals {
+            let axes = space.x.iter().zip(point);
             let at = number(&mut axes.map(|(axis, x)| part_of(axis, element_at(axis, *x))));
-            by_replicate[at][replicate] += record[MASS];
-            absolute += record[MASS].abs();
+            by_replicate[at][replicate] += mass;
+            absolute += mass.abs();
             arrived += 1;
         }
     }
@@ -260,17 +277,17 @@ fn density_error(
             &mut axes.map(|(axis, j)| part_of(axis, axis.split(*j as i64).0 as usize)),
         ));
     });
-    let (mut least, mut size) = (0.0, 0.0);
+    let (mut shown, mut size) = (0.0, 0.0);
     for (part, masses) in by_replicate.iter().enumerate() {
         let here =
             density.iter().zip(&places).map(|(rho, at)| if *at == part { *rho } else { 0.0 });
         let found = volumes.integral(world, &here.collect::<Vec<f64>>());
         let [expected, scatter] = mean(masses);
         let uncertain = STANDARD_ERRORS * scatter.max(of_particle);
-        least += ((found - expected).abs() - uncertain).max(0.0);
+        shown += ((found - expected).abs() - uncertain).max(0.0);
         size += expected.abs();
     }
-    Some(least / size).filter(|error| error.is_finite())
+    Some(shown / size).filter(|error| error.is_finite())
 }
 
 #[cfg(test)]
@@ -279,7 +296,7 @@ mod tests {
     use crate::problem::element::Nodes;
 
     fn value(space: &PhaseSpace, k: usize, x: f64, f: impl Fn(f64) -> f64) -> f64 {
-        let axis = if k == 0 { &space.x[0] } else { &space.v[0] };
+        let axis = space.axis(k);
         interpolation(space, k, x).iter().map(|(j, w)| w * f(axis.centre(*j as i64))).sum()
     }
 

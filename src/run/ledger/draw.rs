@@ -198,9 +198,8 @@ impl ParticleSampler<'_> {
             return None;
         }
         let area = whole.volume(|a| a != end.axis && (a < n || !self.is_measure()));
-        let axis = if end.axis < n { &space.x[end.axis] } else { &space.v[end.axis - n] };
         let mut outside = point;
-        outside[coordinate(n, end.axis)] = axis.just_outside(end.upper);
+        outside[coordinate(n, end.axis)] = space.axis(end.axis).just_outside(end.upper);
         let value = self.case.fields[0].entering().at_point(&outside, now);
         let mass = area * self.case.end * inwards * value;
         nonzero(Particle { point, time: self.case.end - now, mass, value, inside })

@@ -4,6 +4,7 @@
 use crate::problem::case::{Case, Interface};
 use crate::problem::exact::{Crossing, Tracer};
 use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION};
+use crate::run::ledger::arrivals::Arrivals;
 use crate::run::ledger::draw::Particle;
 use crate::scheme::interface::{Side, law_of, sources, velocity};
 use std::collections::HashMap;
@@ -63,23 +64,26 @@ pub struct ParticleTracker<'a> {
     /// The exact flow, forward in time.
     tracer: &'a Tracer<'a>,
     gains: Option<InterfaceGains<'a>>,
+    /// The particles that were followed and are in the box at the end.
+    pub arrivals: Arrivals,
 }
 
 impl<'a> ParticleTracker<'a> {
     /// Follows particles of `case` by its `tracer`, which goes forward in time.
     pub fn new(case: &'a Case, tracer: &'a Tracer<'a>) -> Self {
         let changes = law_of(case.interface).may_grow() && !case.is_galerkin();
-        Self { tracer, gains: changes.then(|| InterfaceGains { case, known: HashMap::new() }) }
+        let gains = changes.then(|| InterfaceGains { case, known: HashMap::new() });
+        Self { tracer, gains, arrivals: Arrivals::default() }
     }
 
-    /// Follows a particle with the fraction `share` of its mass. Its point at the end, if it is in
-    /// the box then.
+    /// Follows a particle of a `replicate` with the fraction `share` of its mass.
     pub fn follow(
         &mut self,
+        replicate: usize,
         tally: &mut ParticleTally,
         particle: &Particle,
         share: f64,
-    ) -> Option<[f64; 6]> {
+    ) {
         let mass = share * particle.mass;
         // What all jumps so far add to the particle's mass, and the same without the last.
         let (mut added, mut before) = (0.0, 0.0);
@@ -97,9 +101,10 @@ impl<'a> ParticleTracker<'a> {
             } else {
                 tally.outflow[end] += mass;
             }
+        } else {
+            self.arrivals.add(replicate, particle, found.point, mass);
         }
         tally.interface += mass * added;
-        found.exit.is_none().then_some(found.point)
     }
 }
 

@@ -54,7 +54,7 @@ struct ToleranceTrial {
 impl Study<'_> {
     /// The report of the set-up `target` on the grid `reached`, without its cost.
     fn entry(&mut self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
-        let missed = self.why_missed(scheme, reached);
+        let refused = vanished_region(target).or_else(|| self.why_missed(scheme, reached));
         let settings = settings(self.case, self.trials.base(), target);
         SetupReport {
             name: self.name(target.method, scheme),
@@ -77,7 +77,7 @@ impl Study<'_> {
             memory_bytes_per_rank: 0.0,
             seconds: None,
             seconds_measured: false,
-            refused: vanished_region(target).or(missed),
+            refused,
             estimate: None,
             command: command(self.case, &settings),
             settings,
