@@ -5,6 +5,7 @@
 //!
 //! Uses: quantum, solve, and every room below. Paper: the figures and tables of section 8.
 
+pub mod accuracy;
 pub mod averages;
 pub mod dataset;
 pub mod draw;

@@ -153,6 +153,22 @@ def test_a_coarse_grid_is_a_warning(small: pw.Case, tmp_path: Path) -> None:
         pw.run(small, tmp_path)
 
 
+def test_a_missed_tolerance_is_a_warning(small: pw.Case, tmp_path: Path) -> None:
+    small["solver.verify"] = True
+    small["solver.propagator"] = {"method": "backward-euler", "step": 0.1}
+    with pytest.warns(pw.PhasewarpWarning, match=r"^tolerance \S+ MISSED: .*measured"):
+        found = pw.run(small, tmp_path)
+    assert found.summary["verdict"] == "missed"
+    assert found.open().attrs["verdict"] == "missed"
+
+
+def test_an_unknown_error_is_a_warning(tmp_path: Path) -> None:
+    cells = {f"axis.{axis}.{of}.cells": 6 for axis in (0, 1) for of in "xv"}
+    case = pw.Case(CASES / "example3.toml").replace({**cells, "exact": {}})
+    with pytest.warns(pw.PhasewarpWarning, match=r"^accuracy: error of the grid not estimated"):
+        pw.run(case, tmp_path)
+
+
 def test_warnings(small: pw.Case) -> None:
     small["potential.0.where"] = "x < 0.05"
     with pytest.warns(pw.PhasewarpWarning, match="misses the faces of the grid"):

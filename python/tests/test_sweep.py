@@ -74,7 +74,8 @@ def test_a_failure_is_a_row(small: pw.Case, tmp_path: Path) -> None:
 
 
 def test_chosen_columns(small: pw.Case, tmp_path: Path) -> None:
-    columns = ["modes", "probabilities.at_slice.all.value"]
+    # One that this run does not know stays, too.
+    columns = ["modes", "probabilities.at_slice.all.value", "error_velocity_l1"]
     table = pw.sweep(small, {"solver.tolerance": [1e-2]}, tmp_path, columns=columns, progress=False)
     # Runs on few cells have warnings, which are a column of their own.
     found = [column for column in table.columns if column != "warnings"]

@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::machine::{self, RunPart, StopMessages};
-use crate::base::text::short;
+use crate::base::text::{percent, short};
 use crate::command::accuracy;
 use crate::command::cli::{CaseArgs, RunArgs};
 use crate::command::loading::{default_directory, default_directory_until, load, load_continued};
@@ -33,14 +33,14 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     machine::set_stop_messages(if prints { STOP_MESSAGES } else { StopMessages::default() });
     machine::begin(RunPart::SetUp);
     let RunRequest { case: given, directory } = run_request(world, args)?;
-    if given.method != Method::Schrodingerized {
-        machine::begin(RunPart::Classical);
-    }
     let case = match args.continued {
         // A continued run keeps its grid.
         Some(_) => given,
         None => on_its_grid(world, given, args, &directory)?,
     };
+    if case.method != Method::Schrodingerized {
+        machine::begin(RunPart::Classical);
+    }
     if args.resume && run::is_done_and_tidy(world, &directory, &case) {
         let shown = directory.display();
         print(world, &format!("--resume: the run is finished; results in {shown}"));
@@ -157,7 +157,10 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
         );
     }
     if let Some(l1) = summary.error_l1 {
-        line += &format!(", L1 distance to the exact solution {}", short(l1));
+        let part = summary
+            .error_l1_relative
+            .map_or(String::new(), |part| format!(" ({} of its norm)", percent(part)));
+        line += &format!(", L1 distance to the exact solution {}{part}", short(l1));
     }
     if let Some(least) = summary.minimum_before_limiting {
         line += &format!(", least value {least:.1e} before output.positive");

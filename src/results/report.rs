@@ -15,6 +15,7 @@ use crate::base::checksum;
 use crate::base::disk::{not_replaced, open_regular};
 use crate::base::error::Result;
 use crate::base::text::{bytes_text, percent, short};
+use crate::results::accuracy::Accuracy;
 use crate::results::ledger::{BoxEnd, Ledger};
 use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
@@ -22,7 +23,7 @@ use crate::results::pictures::stored::StoredRun;
 use crate::results::report::html::{ReportRows, Text, shown};
 use crate::results::report::times::Times;
 use crate::results::report::trust::{main_warning, trust};
-use crate::results::summary::{Accuracy, ContinuedResult};
+use crate::results::summary::ContinuedResult;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Deserialize;
 use serde_json::Value;
@@ -64,12 +65,13 @@ const TO_EXACT: [(&str, &str, &str); 4] = [
 ];
 
 /// Conserved quantities and their labels.
-const CONSERVED: [(&str, &str); 6] = [
+const CONSERVED: [(&str, &str); 7] = [
     ("mass", "mass at the end"),
     ("mass_initial", "mass at the start"),
     ("mass_exact", "exact mass"),
     ("kinetic_energy", "kinetic energy at the end"),
     ("potential_energy", "potential energy at the end"),
+    ("minimum_before_limiting", "smallest value before output.positive"),
     ("unitarity_defect", "largest change of a mode's norm, relative to the allowed one"),
 ];
 
@@ -302,8 +304,11 @@ impl Report<'_> {
             )
         });
         let exact = self.number("error_l1").zip(self.number("exact_l1"));
+        let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
+        let with_algorithm = accuracy.as_ref().is_some_and(|found| found.includes_algorithm);
         let of = match self.run.plan["method"] == "classical" {
             true => "the grid and of the steps in time",
+            false if with_algorithm => "the grid and of the algorithm",
             false => "the grid",
         };
         let exact = exact.map(|(error, exact)| {
@@ -313,7 +318,6 @@ impl Report<'_> {
                  the error of {of}."
             )
         });
-        let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
         let accuracy = accuracy.and_then(|accuracy| accuracy.line()).map(|line| line + ".");
         let continued = ContinuedResult::deserialize(&self.summary["continued"]).ok();
         let continued = continued.map(|continued| {

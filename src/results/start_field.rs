@@ -48,10 +48,13 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
     }
     same_grid(&file, &f, &case.space)?;
     let case_of = stored_case(&file);
+    let OriginErrors { error, grid_errors } =
+        OriginErrors::of(path.parent().unwrap_or(Path::new("")));
     Ok(ResultOrigin {
         checksum: stored_checksum(&f).map_err(|_| "/f carries no checksum")?,
         time,
-        error: error_of(path.parent().unwrap_or(Path::new(""))),
+        error,
+        grid_errors,
         positive: case_of.is_some_and(|case| case.positive),
     })
 }
@@ -62,16 +65,29 @@ fn stored_case(file: &File) -> Option<Case> {
     Case::parse("case", &stored.text().ok()?, &stored.overrides).ok()
 }
 
-/// Relative l2 distance of the `f` in a directory to the semi-discrete solution since time 0;
-/// `None` if its summary does not give one, or is not as it was written.
-fn error_of(directory: &Path) -> Option<f64> {
-    let summary = summary::read(directory).ok()?;
-    if summary["continued"].is_object() {
-        return summary["continued"]["error_total"].as_f64();
+/// The errors of the result in a directory; none if its summary is not as it was written.
+#[derive(Debug, Default, PartialEq)]
+struct OriginErrors {
+    /// Relative l2 distance of `f` to the semi-discrete solution since time 0.
+    error: Option<f64>,
+    /// Relative errors of `f` and of the density due to the grid.
+    grid_errors: [Option<f64>; 2],
+}
+
+impl OriginErrors {
+    fn of(directory: &Path) -> Self {
+        let Ok(summary) = summary::read(directory) else {
+            return Self::default();
+        };
+        let accuracy = &summary["accuracy"];
+        let grid_errors = ["grid", "grid_density"].map(|key| accuracy[key].as_f64());
+        if summary["continued"].is_object() {
+            return Self { error: summary["continued"]["error_total"].as_f64(), grid_errors };
+        }
+        let reliable = summary["error_estimate_reliable"].as_bool() == Some(true);
+        let estimate = summary["error_estimate"].as_f64().filter(|_| reliable);
+        Self { error: summary["error_semidiscrete"].as_f64().or(estimate), grid_errors }
     }
-    let reliable = summary["error_estimate_reliable"].as_bool() == Some(true);
-    let estimate = summary["error_estimate"].as_f64().filter(|_| reliable);
-    summary["error_semidiscrete"].as_f64().or(estimate)
 }
 
 /// Whether `a` and `b` are equal up to round-off of numbers of this size.
@@ -134,19 +150,22 @@ fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> FileRe
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::results::accuracy::Accuracy;
     use crate::results::summary::Summary;
 
     #[test]
-    fn the_error_of_a_changed_summary_is_not_taken() {
+    fn the_errors_of_a_changed_summary_are_not_taken() {
         let directory = tempfile::tempdir().expect("a directory");
-        let written = Summary { error_semidiscrete: Some(0.25), ..Summary::default() };
+        let accuracy = Accuracy::default().with_grid([None; 2], [Some(0.5), Some(0.75)]);
+        let written = Summary { error_semidiscrete: Some(0.25), accuracy, ..Summary::default() };
         written.write(directory.path()).expect("a summary");
-        assert_eq!(error_of(directory.path()), Some(0.25));
+        let expected = OriginErrors { error: Some(0.25), grid_errors: [Some(0.5), Some(0.75)] };
+        assert_eq!(OriginErrors::of(directory.path()), expected);
         let path = directory.path().join(summary::NAME);
         let text = std::fs::read_to_string(&path).expect("a text");
         let changed = text.replacen("0.25", "0.125", 1);
         assert_ne!(changed, text);
         std::fs::write(&path, changed).expect("written");
-        assert_eq!(error_of(directory.path()), None);
+        assert_eq!(OriginErrors::of(directory.path()), OriginErrors::default());
     }
 }

@@ -4,15 +4,11 @@ use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::base::text::{
-    ALGORITHM_ERROR, GRID_ERROR, one_digit, percent, quoted, rounded_down, short,
-};
-use crate::problem::case::{Case, Data, Exact, Interface, Limiter, Method};
-use crate::problem::element::LARGEST_DEGREE;
-use crate::problem::grid::PhaseSpace;
-use crate::problem::potential::oblique::oblique_edges;
+use crate::base::text::GRID_ERROR;
+use crate::problem::case::{Case, Data, Interface, Method};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
+use crate::results::accuracy::{Accuracy, GridErrorPair, STAIRCASE, hides_staircase, is_large};
 use crate::results::ledger::Ledger;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -75,217 +71,6 @@ pub struct GridErrors {
     pub momentum: Option<ErrorNorms>,
 }
 
-/// Relative errors of the grid that particles of the exact flow show beyond their scatter; `None`
-/// where no particle tells.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ParticleErrors {
-    /// Of `f`, in L2.
-    pub field: Option<f64>,
-    /// Of the density, in L1.
-    pub density: Option<f64>,
-}
-
-/// The errors of a run: that of the algorithm, which is the distance to the semi-discrete solution,
-/// and that of the grid, which is the distance from there to the exact solution.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Accuracy {
-    /// `solver.tolerance`; `None` for the classical method, and if no plan holds it, as the inflow
-    /// jumps in time.
-    pub asked: Option<f64>,
-    /// `solver.accuracy`, if given.
-    pub goal: Option<f64>,
-    /// Relative l2 distance to the semi-discrete solution: the measured one (`solver.verify`), else
-    /// the estimate if that is reliable.
-    pub algorithm: Option<f64>,
-    /// Relative L2 distance of `f` to the exact solution.
-    pub grid: Option<f64>,
-    /// Relative L2 distance of the density to the exact solution.
-    pub grid_density: Option<f64>,
-    /// Whether the grid's errors were measured against an exact solution, or else estimated.
-    pub grid_measured: bool,
-    /// Relative L1 distance of the density to the cell averages of the exact one, which
-    /// `solver.accuracy` bounds; `None` without `solver.accuracy` or `[exact]`.
-    pub goal_error: Option<f64>,
-    /// That error, as expected by the trials that chose the grid for `solver.accuracy`.
-    #[serde(default)]
-    pub goal_estimate: Option<f64>,
-    /// The grid's errors as particles of the exact flow show them.
-    #[serde(default)]
-    pub particles: ParticleErrors,
-    /// The reason why the grid's error is not known at all.
-    #[serde(default)]
-    pub unknown: Option<String>,
-    /// Estimate of the grid's error of `f`, if there is one; also if the error was measured.
-    pub grid_estimate: Option<f64>,
-    /// Estimate of the grid's error of the density, if there is one; also if the error was
-    /// measured.
-    pub grid_density_estimate: Option<f64>,
-    /// Whether the grid's error is above a tenth, or more than ten times the larger of the
-    /// algorithm's error and the tolerance. If `goal_error` is known, or else `goal_estimate`:
-    /// whether `solver.accuracy` is missed.
-    pub under_resolved: bool,
-    /// Whether the errors do not count what an edge of `V` that is not along the axes adds: the
-    /// exact solution by characteristics meets the same staircase of faces as the scheme does, and
-    /// an estimate knows no other edge.
-    #[serde(default)]
-    pub staircase: bool,
-    /// A remedy, as the end of a sentence, if the run is under-resolved, or if the density meets
-    /// `solver.accuracy` but `f` is far from exact. With a staircase, a sentence about it.
-    #[serde(default)]
-    pub advice: Option<String>,
-}
-
-/// What the errors leave out if an edge of `V` is not along the axes.
-pub const STAIRCASE: &str = "an edge of V is not along the axes: the error of the staircase of \
-                             faces in its place is not included, and more cells do not lower that";
-
-/// Whether errors of runs of `case` leave out what an edge of `V` that is not along the axes adds:
-/// all but those against a formula.
-pub fn hides_staircase(case: &Case) -> bool {
-    !matches!(case.exact, Some(Exact::Formula(_))) && !oblique_edges(case).is_empty()
-}
-
-/// A larger relative error of the grid is large, whatever the algorithm's error.
-const LARGE_GRID_ERROR: f64 = 0.1;
-/// Largest error of the exact density, relative to the run's error, without a warning.
-const LARGEST_EXACT_ERROR: f64 = 0.25;
-/// The grid limits the run if its error is more than this multiple of the algorithm's.
-const DOMINANT: f64 = 10.0;
-
-impl Accuracy {
-    /// These errors, with the grid's relative errors of `f` and of the density, measured and
-    /// estimated. A large error that particles show takes the place of a smaller estimate.
-    pub fn with_grid(self, measured: [Option<f64>; 2], estimated: [Option<f64>; 2]) -> Self {
-        let grid_measured = measured.iter().any(Option::is_some);
-        let shown = [self.particles.field, self.particles.density];
-        let larger = |k: usize| {
-            let shown = shown[k].filter(|error| *error > LARGE_GRID_ERROR);
-            estimated[k].into_iter().chain(shown).reduce(f64::max)
-        };
-        let [grid, grid_density] = if grid_measured { measured } else { [0, 1].map(larger) };
-        let [grid_estimate, grid_density_estimate] = estimated;
-        let found = Self {
-            grid,
-            grid_density,
-            grid_measured,
-            grid_estimate,
-            grid_density_estimate,
-            ..self
-        };
-        let of_algorithm = self.algorithm.into_iter().chain(self.asked).fold(0.0, f64::max);
-        let dominates = of_algorithm > 0.0 && found.worst() > DOMINANT * of_algorithm;
-        let under_resolved = found.is_coarse() || dominates;
-        Self { under_resolved, ..found }
-    }
-
-    /// The larger of the grid's errors of `f` and of the density; zero if none is known.
-    fn worst(&self) -> f64 {
-        self.grid.into_iter().chain(self.grid_density).fold(0.0, f64::max)
-    }
-
-    /// Whether the grid's error is above a tenth.
-    pub fn is_coarse(&self) -> bool {
-        self.worst() > LARGE_GRID_ERROR
-    }
-
-    /// A sentence that compares the two errors; `None` if the grid's error is unknown.
-    pub fn line(&self) -> Option<String> {
-        let Some(errors) = self.errors_of_grid() else {
-            let why = self.unknown.as_ref()?;
-            return Some(format!("accuracy: {GRID_ERROR} not estimated: {why}"));
-        };
-        let head = match (self.staircase, self.under_resolved) {
-            (true, _) => "STAIRCASE",
-            (false, true) => "UNDER-RESOLVED",
-            (false, false) => "accuracy",
-        };
-        let advice = self.advice_after();
-        let how = if self.grid_measured { "measured" } else { "estimated" };
-        let of_algorithm = match (self.algorithm, self.asked) {
-            (Some(error), _) => format!("; {ALGORITHM_ERROR} {error:.1e}"),
-            (None, Some(asked)) => {
-                format!("; {ALGORITHM_ERROR} not estimated (planned within {asked:e})")
-            }
-            (None, None) => String::new(),
-        };
-        Some(format!("{head}: {GRID_ERROR} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
-    }
-
-    /// The grid's errors as text, in significant digits; `None` if none is known.
-    pub fn errors_of_grid(&self) -> Option<String> {
-        let digits = |error: f64| match self.grid_measured {
-            true => percent(error),
-            // An estimate may be wrong by a factor of ten.
-            false => format!("about {} %", short(one_digit(100.0 * error))),
-        };
-        let named = |name: &str, error: Option<f64>| error.map(|e| format!("{name} {}", digits(e)));
-        let errors = [named("f", self.grid), named("density", self.grid_density)];
-        let errors: Vec<String> = errors.into_iter().flatten().collect();
-        (!errors.is_empty()).then(|| errors.join(", "))
-    }
-
-    /// `; ` and a remedy, if one is needed; otherwise empty.
-    pub fn advice_after(&self) -> String {
-        self.advice.as_ref().map_or(String::new(), |advice| format!("; {advice}"))
-    }
-
-    /// The remedy for a run of `case` whose grid's error is too large.
-    fn advice(&self, case: &Case) -> String {
-        let degree = lowest_degree(&case.space);
-        let missed = self.goal_error.zip(self.goal).filter(|(error, goal)| error > goal);
-        let is_large = missed.is_some() || self.is_coarse();
-        let (ratio, wanted) = match missed {
-            Some((error, goal)) => (error / goal, format!("{goal:e}")),
-            None => {
-                (self.worst() / LARGE_GRID_ERROR, format!("{} %", short(100.0 * LARGE_GRID_ERROR)))
-            }
-        };
-        let cells = match largest_order(case, degree).filter(|_| is_large) {
-            Some(order) => {
-                let times = short((10.0 * ratio.powf(1.0 / order)).ceil() / 10.0);
-                format!("more cells (at least {times} times as many per axis for {wanted})")
-            }
-            None => "more cells".to_owned(),
-        };
-        let is_classical = case.method == Method::Classical;
-        let may_have_slopes = is_classical && case.has_upwind_cells() && !case.varies();
-        let or = match degree {
-            0 if case.limiter != Limiter::None => "",
-            0 if may_have_slopes => ", a scheme.degree above 0 or slopes (scheme.limiter)",
-            0 => " or a scheme.degree above 0",
-            1 | 2 => " or a higher scheme.degree",
-            LARGEST_DEGREE.. => "",
-            // Where data jump, degrees above 3 gain little.
-            _ => ", or a higher scheme.degree where f does not jump,",
-        };
-        let is_start = case.start.is_none() && case.start_field.is_none();
-        let then = if !is_large {
-            let enough = rounded_down(self.worst() / DOMINANT);
-            format!("; with this grid solver.tolerance = {enough:e} would suffice")
-        } else if is_start && self.goal.is_none() {
-            format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))
-        } else {
-            String::new()
-        };
-        format!("{cells}{or} would lower it{then}")
-    }
-}
-
-/// The highest order of convergence, in the width of cells, of a run of `case` whose axes have at
-/// least this `degree`: `degree + 1`, but 2 for degree 0 with the central flux or slopes. `None`
-/// for measure-valued data.
-fn largest_order(case: &Case, degree: usize) -> Option<f64> {
-    let is_second = case.limiter != Limiter::None || case.flux == 0.0;
-    let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
-    matches!(case.data, Data::Density).then_some(order)
-}
-
-/// The lowest degree of the axes that have more than one cell.
-fn lowest_degree(space: &PhaseSpace) -> usize {
-    let axes = space.axes().filter(|axis| axis.cells > 1);
-    axes.map(|axis| axis.nodes.degree).min().unwrap_or(0)
-}
-
 /// The goals that a run misses, a sentence for each; `None` for a goal that is met or unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MissedGoals {
@@ -296,6 +81,12 @@ pub struct MissedGoals {
     pub accuracy: Option<String>,
 }
 
+/// A density below this part of `∫ |f|` is zero up to round-off.
+const CANCELLED: f64 = 1e-8;
+/// The algorithm's error is most of a measured one from this part on.
+const LARGE_PART: f64 = 0.5;
+/// Largest error of the exact density, relative to the run's error, without a warning.
+const LARGEST_EXACT_ERROR: f64 = 0.25;
 /// An estimate that is not reliable counts as missed from this ratio to the tolerance on: more than
 /// such estimates are off (docs/verification.md).
 const FAR_ABOVE: f64 = 10.0;
@@ -353,6 +144,38 @@ impl MissedGoals {
     }
 }
 
+/// The errors of a run in a word: the first that applies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// The tolerance or the accuracy is missed, or the latter is not shown.
+    Missed,
+    /// An edge of `V` is not along the axes, and the errors leave out what that adds.
+    Staircase,
+    /// The grid's error is large, or far larger than the algorithm's.
+    UnderResolved,
+    /// The grid's error is not known, or hidden by that of the algorithm.
+    Unknown,
+    /// None of these.
+    Resolved,
+}
+
+impl Verdict {
+    fn of(missed: &MissedGoals, accuracy: &Accuracy) -> Self {
+        if missed.line().is_some() {
+            Self::Missed
+        } else if accuracy.staircase {
+            Self::Staircase
+        } else if accuracy.under_resolved {
+            Self::UnderResolved
+        } else if accuracy.unknown.is_some() || accuracy.includes_algorithm {
+            Self::Unknown
+        } else {
+            Self::Resolved
+        }
+    }
+}
+
 /// The result from which a run continued (`initial.field`), and the error of both parts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ContinuedResult {
@@ -369,11 +192,27 @@ pub struct ContinuedResult {
     /// The inherited error plus the run's own, which is measured, or else estimated if that is
     /// reliable.
     pub error_total: Option<f64>,
+    /// The grid's errors of that result: that of `f` relative to `f` at the end of the run, which
+    /// is as large as it if nothing enters or leaves.
+    #[serde(default)]
+    pub grid: GridErrorPair,
 }
 
 impl ContinuedResult {
     /// The errors of the earlier parts as text, for the closing line.
     pub fn line(&self) -> String {
+        let of_algorithm = self.line_of_the_algorithm();
+        match self.grid {
+            GridErrorPair { field: None, density: None } => format!(
+                "{of_algorithm}; {GRID_ERROR} before t = {}: not known, and not part of any \
+                 estimate",
+                self.time
+            ),
+            _ => of_algorithm,
+        }
+    }
+
+    fn line_of_the_algorithm(&self) -> String {
         match (self.error_inherited, self.error_total) {
             (Some(inherited), Some(total)) => format!(
                 "error since t = 0: at most {total:.1e}, of which {inherited:.1e} are inherited \
@@ -564,6 +403,8 @@ pub struct Summary {
     pub accuracy: Accuracy,
     /// Whether the run misses its tolerance or accuracy.
     pub missed: MissedGoals,
+    /// These in a word.
+    pub verdict: Option<Verdict>,
     /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
     pub error_velocity_l1: Option<f64>,
     /// Probabilities with which a quantum computer would measure the first field.
@@ -585,37 +426,71 @@ impl Summary {
     /// Sets accuracy and missed goals once all other numbers are known. `estimated` are the grid's
     /// estimated errors of `f` and of the density.
     pub fn judge(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
+        self.set_accuracy(case, estimated);
+        self.set_advice(case);
+        self.verdict = Some(Verdict::of(&self.missed, &self.accuracy));
+    }
+
+    /// Sets the errors, and the goals that are missed.
+    fn set_accuracy(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
         let measured = [self.error_l2_relative, self.error_density_l2_relative];
         let is_planned = case.method == Method::Schrodingerized && !self.inflow_jumps;
         let asked = is_planned.then_some(case.tolerance);
-        let estimate = self.error_estimate.filter(|_| self.error_estimate_reliable);
-        let own = self.error_semidiscrete.or(estimate);
-        let since_start = self.continued.as_ref().and_then(|continued| continued.error_total);
-        let algorithm = since_start.or(own);
+        let own = self.own_error();
+        let algorithm = match &self.continued {
+            Some(continued) => continued.error_total,
+            None => own,
+        };
+        let planned = |asked: f64| format!("not estimated (planned within {asked:e})");
+        let algorithm_unknown = match (algorithm, own, &self.continued) {
+            (Some(_), ..) => None,
+            (None, Some(own), Some(continued)) => {
+                Some(format!("not known before t = {}, {own:.1e} since then", continued.time))
+            }
+            _ => asked.map(planned),
+        };
         let accuracy = Accuracy {
             asked,
             goal: case.accuracy,
             goal_error: self.accuracy.goal_error,
             goal_estimate: case.expected_error,
             algorithm,
+            algorithm_unknown,
             staircase: hides_staircase(case),
             particles: self.accuracy.particles,
+            inherited: self.continued.as_ref().map_or(GridErrorPair::default(), |c| c.grid),
             ..Accuracy::default()
         };
         self.accuracy = accuracy.with_grid(measured, estimated);
         self.missed = MissedGoals::new(case, self);
+        let rough = self.error_estimate.filter(|_| self.missed.tolerance.is_some());
+        let accuracy = &mut self.accuracy;
+        let measured = accuracy.grid.or(accuracy.grid_density).filter(|_| accuracy.grid_measured);
+        accuracy.includes_algorithm =
+            own.or(rough).zip(measured).is_some_and(|(own, all)| own > LARGE_PART * all);
+    }
+
+    /// Sets what would help, and what is not known.
+    fn set_advice(&mut self, case: &Case) {
         let accuracy = &mut self.accuracy;
         let expected = accuracy.goal_estimate.into_iter().chain(accuracy.particles.density);
         let of_density = accuracy.goal_error.or(expected.reduce(f64::max));
         if let Some((error, goal)) = of_density.zip(accuracy.goal) {
             accuracy.under_resolved = error > goal;
         }
-        if accuracy.staircase {
-            let more = accuracy.under_resolved.then(|| accuracy.advice(case));
+        if accuracy.includes_algorithm {
+            accuracy.under_resolved = false;
+            let knob = match self.step_error {
+                Some(_) => "a shorter solver.propagator.step",
+                None => "a smaller solver.tolerance",
+            };
+            accuracy.advice = Some(format!("most of it is the algorithm's: {knob} lowers it"));
+        } else if accuracy.staircase {
+            let more = accuracy.under_resolved.then(|| accuracy.remedy(case));
             let more = more.map_or(String::new(), |advice| format!("; for the rest, {advice}"));
             accuracy.advice = Some(format!("{STAIRCASE}{more}"));
         } else if accuracy.under_resolved {
-            accuracy.advice = Some(accuracy.advice(case));
+            accuracy.advice = Some(accuracy.remedy(case));
         } else if accuracy.grid.is_none()
             && accuracy.grid_density.is_none()
             && (self.minimum != 0.0 || self.maximum != 0.0)
@@ -629,9 +504,7 @@ impl Summary {
             let measured = "; [exact] kind = \"characteristics\" measures it";
             let measured = if case.reflects() || case.start.is_some() { "" } else { measured };
             accuracy.unknown = Some(format!("{why}{small}{measured}"));
-        } else if of_density.is_some()
-            && accuracy.grid.is_some_and(|error| error > LARGE_GRID_ERROR)
-        {
+        } else if of_density.is_some() && accuracy.grid.is_some_and(is_large) {
             let what = match accuracy.goal_error {
                 Some(_) => "the accuracy of the density is met, but f needs a finer grid",
                 None => {
@@ -640,6 +513,12 @@ impl Summary {
             };
             accuracy.advice = Some(what.to_owned());
         }
+    }
+
+    /// The error of the run's own algorithm: measured, else estimated if that is reliable.
+    pub fn own_error(&self) -> Option<f64> {
+        let estimate = self.error_estimate.filter(|_| self.error_estimate_reliable);
+        self.error_semidiscrete.or(estimate)
     }
 
     /// Sets the distances to the exact solution.
@@ -652,8 +531,12 @@ impl Summary {
         }
         let density = &errors.density;
         (self.error_density_l1, self.error_density_l2) = (Some(density.l1), Some(density.l2));
-        self.error_density_l1_relative = density.relative_l1();
-        self.error_density_l2_relative = density.relative_l2();
+        // If f is odd in v, the density is round-off, and has no relative error.
+        let cancels = |f: &ErrorNorms| density.exact_l1 <= CANCELLED * f.exact_l1;
+        if !errors.field.as_ref().is_some_and(cancels) {
+            self.error_density_l1_relative = density.relative_l1();
+            self.error_density_l2_relative = density.relative_l2();
+        }
         if let Some(momentum) = &errors.momentum {
             (self.error_momentum_l1, self.error_momentum_l2) =
                 (Some(momentum.l1), Some(momentum.l2));
@@ -762,7 +645,7 @@ mod tests {
                     [initial]\nf = \"1\"\n[time]\nend = 1\n[solver]\naccuracy = 1e-2\n";
         let case = Case::parse("test", text, &[]).expect("a case");
         let judged = |shown: f64, measured: Option<f64>| {
-            let particles = ParticleErrors { field: None, density: Some(shown) };
+            let particles = GridErrorPair { field: None, density: Some(shown) };
             let accuracy = Accuracy { particles, goal_error: measured, ..Accuracy::default() };
             let mut summary = Summary { accuracy, ..Summary::default() };
             summary.judge(&case, [Some(1e-3); 2]);

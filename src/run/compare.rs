@@ -13,6 +13,7 @@ use crate::propagate::round_off;
 use crate::propagate::time_dependent_inflow::Schedule;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
+use crate::results::accuracy::GridErrorPair;
 use crate::results::dataset::PlateauPoint;
 use crate::results::summary::{ContinuedResult, FieldSummary, Summary};
 use crate::run::classical::{Integration, integrate};
@@ -249,8 +250,8 @@ pub(crate) fn continued(
     let growth = (weights.certificate.max(0.0) * case.duration()).exp();
     let inherited = origin.error.map(|error| error * ratio * spread * growth);
     let error_inherited = inherited.filter(|error| error.is_finite());
-    let reliable = summary.error_estimate.filter(|_| summary.error_estimate_reliable);
-    let own = summary.error_semidiscrete.or(reliable);
+    let own = summary.own_error();
+    let [field, density] = origin.grid_errors;
     Some(ContinuedResult {
         file: start.path.display().to_string(),
         checksum: checksum::text(origin.checksum),
@@ -258,6 +259,7 @@ pub(crate) fn continued(
         error: origin.error,
         error_inherited,
         error_total: error_inherited.zip(own).map(|(inherited, own)| inherited + own),
+        grid: GridErrorPair { field: field.map(|error| error * ratio), density },
     })
 }
 

@@ -208,14 +208,17 @@ impl ModeRun<'_> {
         let begun = case.start.is_some();
         let mut keeping = kept.map(|kept| FullRunModes { kept, begun, after: &mut after });
         let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints };
-        if hooks.checkpoints.is_some() {
+        let stores = hooks.checkpoints.is_some();
+        if stores {
             // From now on all ranks answer a stop signal together.
             communicator.world.barrier();
             machine::begin(RunPart::Modes);
         }
         let recovered = modes::run(&task, evolution, &mut *propagator, progress, hooks);
-        // A signal comes too late for a checkpoint now.
-        machine::begin(RunPart::Over);
+        if stores {
+            // A signal comes too late for a checkpoint now.
+            machine::begin(RunPart::Over);
+        }
         recovered
     }
 

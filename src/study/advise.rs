@@ -30,7 +30,7 @@ use crate::plan::Plan;
 use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::{Case, Limiter, Method};
 use crate::study::advise::grid_search::{Evidence, SchemeWithGrid};
-use crate::study::advise::report::warnings;
+use crate::study::advise::report::{may_be_slow, warnings};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::base_case;
 use crate::study::advise::setups::{
@@ -172,7 +172,7 @@ impl<'a> Study<'a> {
             entry
         };
         let mut entries: Vec<SetupReport> = candidates.into_iter().map(settled).collect();
-        let warnings = warnings(case, &entries);
+        let mut warnings = warnings(case, &entries);
         mark_unsettled_expensive(&mut entries);
         // The least counted work; of equal ones the first, which has the case's own interface.
         let best = [Method::Schrodingerized, Method::Classical].map(|method| {
@@ -191,6 +191,9 @@ impl<'a> Study<'a> {
         }
         let [best, best_classical] =
             best.map(|name| name.and_then(|name| entries.iter().position(|e| e.name == name)));
+        let advised = [best, best_classical].into_iter().flatten();
+        let slow = |k: usize| may_be_slow(&entries[k], &entries, request.budget);
+        warnings.extend(advised.filter_map(slow));
         Ok(AdviceReport {
             title: case.title.clone(),
             accuracy: request.accuracy,

@@ -26,7 +26,7 @@ use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::Case;
-use crate::results::summary::{STAIRCASE, hides_staircase};
+use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::chart::attempts::Attempts;
 use crate::study::chart::programme::{Programme, Setting};

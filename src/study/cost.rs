@@ -30,39 +30,47 @@ const OUT_OF_CACHE: f64 = 2.0;
 /// Seconds of a trial that may be start-up, while only one grid was tried.
 const START_UP: f64 = 0.2;
 /// Applications that a step with slopes counts as, per stage.
-const SLOPES: usize = 8;
+const SLOPES: f64 = 8.0;
+/// The degree of elements whose unknowns take twice the time of those of degree 0: where a force
+/// acts, as `make bench` measures it. Without a force it is above 8.
+const TWICE: f64 = 6.0;
 
-/// Cost per unknown of an application with elements of `degree`, relative to degree 0. It grows
-/// with the entries of a row, but slower, as those of one element are contiguous. With slopes it is
-/// the cost of a stage of a step.
-pub fn application_weight(degree: usize, limiter: Limiter) -> usize {
-    if limiter == Limiter::None { 1 + degree.div_ceil(2) } else { SLOPES }
+/// Cost per unknown of an application with elements of `degree`, relative to degree 0. With slopes
+/// it is the cost of a stage of a step.
+pub fn application_weight(degree: usize, limiter: Limiter) -> f64 {
+    if limiter == Limiter::None { 1.0 + degree as f64 / TWICE } else { SLOPES }
+}
+
+/// Cost of a unit of the work of `case`, in applications of degree 0.
+fn unit_weight(case: &Case) -> f64 {
+    let applications = WorkKind::of(case).applications as f64;
+    application_weight(case.space.degree(), case.limiter) * applications
 }
 
 /// Work of which each unit takes about the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct WorkKind {
     by_modes: bool,
-    /// Applications that a unit counts as.
-    weight: usize,
     /// Degree of the elements.
     degree: usize,
+    /// Whether a unit is a stage with slopes.
+    slopes: bool,
+    /// Applications that a unit has.
+    applications: usize,
     /// Whether a unit solves a linear system with sparse factors.
     solves: bool,
 }
 
 impl WorkKind {
     fn of(case: &Case) -> Self {
-        let (method, degree) = (case.propagator.method, case.space.degree());
-        let entries = application_weight(degree, case.limiter);
-        match case.method {
-            Method::Classical => Self { by_modes: false, weight: entries, degree, solves: false },
-            Method::Schrodingerized => Self {
-                by_modes: true,
-                weight: entries * descriptor(method).applications_per_work(),
-                degree,
-                solves: method.order() > 0,
-            },
+        let by_modes = case.method == Method::Schrodingerized;
+        let method = descriptor(case.propagator.method);
+        Self {
+            by_modes,
+            degree: case.space.degree(),
+            slopes: case.limiter != Limiter::None,
+            applications: if by_modes { method.applications_per_work() } else { 1 },
+            solves: by_modes && case.propagator.method.order() > 0,
         }
     }
 
@@ -77,13 +85,13 @@ impl WorkKind {
 fn classical_work(case: &Case, bounds: &Bounds) -> f64 {
     let steps: usize = classical_steps(case, bounds).iter().sum();
     let stages = case.integrator.stages();
-    (WorkKind::of(case).weight * stages * steps * case.fields.len()) as f64
+    unit_weight(case) * (stages * steps * case.fields.len()) as f64
 }
 
 /// Work of a run of `case` as `plan` has it.
 pub fn planned_work(case: &Case, plan: &Plan) -> f64 {
     match &plan.warp {
-        Some(warp) => (WorkKind::of(case).weight * (warp.applications + warp.solves)) as f64,
+        Some(warp) => unit_weight(case) * (warp.applications + warp.solves) as f64,
         None => classical_work(case, &plan.bounds),
     }
 }
@@ -176,7 +184,7 @@ impl CostModel {
         match case.method {
             Method::Schrodingerized => {
                 let (bounds, ratio) = self.bounds(case)?;
-                Ok(WorkKind::of(case).weight as f64 * WarpPlan::forecast(case, &bounds, ratio)?)
+                Ok(unit_weight(case) * WarpPlan::forecast(case, &bounds, ratio)?)
             }
             Method::Classical => Ok(classical_work(case, &self.unmeasured(case)?)),
         }

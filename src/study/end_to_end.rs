@@ -40,7 +40,7 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::{scheme_of, unitary_of};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
-use crate::results::summary::{STAIRCASE, hides_staircase};
+use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::choices::DEGREES;
 use crate::study::density::exact_density;
 use crate::study::end_to_end::measured::MeasuredScheme;

@@ -377,6 +377,78 @@ const BLIND: [(&str, &[&str]); 4] = [
     (BEAM, &[]),
 ];
 
+/// An error of the algorithm that is most of a measured one is not that of the grid: the advice is
+/// about the step or the tolerance. The report has the missed tolerance, measured or not.
+#[test]
+fn a_large_error_of_the_algorithm_is_not_the_grids() {
+    let steps = |method: &str, step: &str| {
+        vec![format!("solver.propagator={{method='{method}',step={step}}}")]
+    };
+    let rows = [
+        ("smooth-beams.toml", steps("backward-euler", "0.05"), "true", "solver.propagator.step"),
+        ("smooth-beams.toml", steps("backward-euler", "0.05"), "false", "solver.propagator.step"),
+        ("smooth-beams.toml", steps("crank-nicolson", "0.04"), "true", "solver.propagator.step"),
+    ];
+    check_all(&rows, |(name, settings, verify, knob)| {
+        let place = directory();
+        let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
+        let verify = format!("solver.verify={verify}");
+        let job = run(name).set(&settings).set(&[&verify]).into(place.path());
+        let finished = job.succeed()?;
+        let words = ["error of the grid and of the algorithm together (measured", knob, "MISSED"];
+        finished.contains(&finished.output, &words)?;
+        let summary = json_of(place.path().join("summary.json"))?;
+        let found = &summary["accuracy"];
+        let right = found["includes_algorithm"] == true
+            && found["under_resolved"] == false
+            && summary["verdict"] == "missed";
+        if !right || finished.output.contains("UNDER-RESOLVED") {
+            return Err(finished.report(&format!("{found}")));
+        }
+        on_results("report", place.path()).succeed()?;
+        let report = text_of(place.path().join("report.html"))?;
+        for words in ["Do not trust this result", "MISSED", "of the grid and of the algorithm"] {
+            if !report.contains(words) {
+                return Err(format!("{verify}: the report lacks {words}"));
+            }
+        }
+        Ok(())
+    });
+}
+
+/// A continued run knows the errors of the result that it continues: the grid's, which its own
+/// estimate does not see, and that the algorithm's is not known if it is not.
+#[test]
+fn a_continued_run_has_the_errors_of_its_first_part() {
+    let place = directory();
+    let file = written(place.path(), RECURRENCE).unwrap();
+    let settings = ["axis.0.x.cells=32", "scheme.degree=2", "scheme.flux=1", "axis.0.v.cells=4"];
+    let [first, second, third] = ["first", "second", "third"].map(|name| place.path().join(name));
+    Job::new(["run", &file]).set(&settings).into(&first).succeed().unwrap();
+    let before = json_of(first.join("summary.json")).unwrap();
+    let directory = first.display().to_string();
+    let job = Job::new(["run", "--continue", &directory, "--until", "20.2"]).into(&second);
+    let finished = job.succeed().unwrap();
+    let after = json_of(second.join("summary.json")).unwrap();
+    let [old, new] = [&before, &after].map(|summary| accuracy(summary, "grid").unwrap());
+    assert!(old > 0.1 && new > 0.9 * old, "{old} then {new}");
+    assert_eq!(after["accuracy"]["grid_source"], "inherited", "{}", after["accuracy"]);
+    finished.contains(&finished.output, &["UNDER-RESOLVED", "from before"]).unwrap();
+    std::fs::remove_file(first.join("summary.json")).unwrap();
+    let field = format!("initial.field={directory}/result.h5");
+    let times = ["time.start=20.106192982974676", "time.end=20.2"];
+    let job =
+        Job::new(["run", &file]).set(&settings).set(&[&field, "solver.verify=true"]).set(&times);
+    let finished = job.into(&third).succeed().unwrap();
+    let after = json_of(third.join("summary.json")).unwrap();
+    let words = ["not known before t = 20.1", "error of the grid before t = 20.1"];
+    finished.contains(&finished.output, &words).unwrap();
+    assert!(after["accuracy"]["algorithm"].is_null(), "{}", after["accuracy"]);
+    on_results("report", &third).succeed().unwrap();
+    let report = text_of(third.join("report.html")).unwrap();
+    assert!(report.contains("Not all errors of this result are known"));
+}
+
 /// Particles of the exact flow show large errors that no estimate sees: the last line is
 /// UNDER-RESOLVED, and the error is that which an exact solution measures, within a factor of 2 for
 /// `f`, and 3 for the density.

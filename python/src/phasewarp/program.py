@@ -29,6 +29,12 @@ IN_PYTHON = {
     r"phasewarp advise .* --accuracy ε": "pw.advise(case, ε)",
 }
 
+#: Lines of the program that become warnings: its own, and those that put a result in doubt.
+NOTEWORTHY = re.compile(
+    r"warning: |UNDER-RESOLVED: |STAIRCASE: |(tolerance|accuracy) \S+ .*(MISSED|NOT SHOWN)"
+    r"|accuracy: error of the grid not estimated|error inherited from before .* not known"
+)
+
 #: Columns of the lines that the program prints for people.
 COLUMNS = 100
 
@@ -210,7 +216,7 @@ def call(
         kind = kinds.get(process.returncode, PhasewarpError)
         raise kind(in_python(message_of(errors)), process.returncode, command, output)
     for line in (*errors.splitlines(), *lines.splitlines()):
-        if line.startswith(("warning: ", "UNDER-RESOLVED: ", "STAIRCASE: ")):
+        if NOTEWORTHY.match(line):
             said = in_python(line).removeprefix("warning: ")
             warnings.warn(said, PhasewarpWarning, stacklevel=3)
     return output

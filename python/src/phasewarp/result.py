@@ -84,12 +84,16 @@ def open_result(path: StrPath, **options: Any) -> xr.Dataset:
         As for :func:`xarray.open_dataset`, for example ``chunks={}`` for Dask. Use ``.load()`` to
         read everything at once.
     """
-    place = Path(path)
-    if place.is_dir():
-        place = place / "result.h5"
+    place = file_of(path)
     if not place.is_file():
         raise FileNotFoundError(f"{place.absolute()}: no result of phasewarp")
     return xr.open_dataset(place, engine=Backend, **options)
+
+
+def file_of(path: StrPath) -> Path:
+    """Return the result in the directory of a run; of a file the file itself."""
+    place = Path(path)
+    return place / "result.h5" if place.is_dir() else place
 
 
 class Backend(BackendEntrypoint):
@@ -104,7 +108,7 @@ class Backend(BackendEntrypoint):
         drop_variables: str | Iterable[str] | None = None,
     ) -> xr.Dataset:
         """Open a result; see :func:`open_result`."""
-        path = Path(filename_or_obj)
+        path = file_of(filename_or_obj)
         if not h5py.is_hdf5(path):
             raise OSError(f"{path}: {NO_RESULT}")
         dropped = {drop_variables} if isinstance(drop_variables, str) else set(drop_variables or ())

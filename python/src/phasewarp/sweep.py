@@ -31,6 +31,8 @@ COLUMNS = (
     "error_l1_relative",
     "error_density_l1_relative",
     "accuracy.grid",
+    "accuracy.grid_source",
+    "verdict",
     "mass",
     "solve_seconds",
     "wall_seconds",
@@ -48,8 +50,8 @@ mass_exact mass_initial matvecs matvecs_here maximum memory_anonymous_bytes_per_
 memory_peak_bytes_per_rank memory_planned_bytes_per_rank method minimum minimum_before_limiting
 missed mode_groups modes norm_kept norm_ratio norm_ratio_planned points potential_energy
 probabilities ranks readout reductions resumed seconds solve_seconds solves space_blocks step_error
-time_error time_steps title tolerance unitarity_defect version wall_seconds warnings weight_spread
-weight_sweeps
+time_error time_steps title tolerance unitarity_defect verdict version wall_seconds warnings
+weight_spread weight_sweeps
 """
 #: First parts of the keys of `columns`: the entries of `summary.json` (docs/usage.md).
 ENTRIES = frozenset(_ENTRIES.split())
@@ -94,16 +96,17 @@ def sweep(
     timeout
         Seconds that each run may take.
     columns
-        Entries of `summary.json`, dotted where they are nested; docs/usage.md lists them.
+        Entries of `summary.json`, dotted where they are nested; docs/usage.md lists them. By
+        default some, without those that no run knows.
     progress
         Whether to write a line a run on standard error.
 
     Returns
     -------
     pandas.DataFrame
-        Columns: the keys of `vary`, those of `columns` that any run knows, ``warnings`` and
-        ``error`` where there are any, ``directory``. ``to_csv`` writes it to a file;
-        :func:`latex` makes a table for an article of it.
+        Columns: the keys of `vary`, `columns`, ``warnings`` and ``error`` where there are any,
+        ``directory``. ``to_csv`` writes it to a file; :func:`latex` makes a table for an article
+        of it.
 
     Raises
     ------
@@ -137,7 +140,8 @@ def sweep(
             shown = " ".join(f"{key}={value}" for key, value in point.items())
             print(f"[{number}/{len(points)}] {shown}: {said}", file=sys.stderr, flush=True)
     table = pd.DataFrame(rows)
-    optional = [name for name in (*columns, "warnings", "error") if name not in vary]
+    by_default = columns if columns is COLUMNS else ()
+    optional = [name for name in (*by_default, "warnings", "error") if name not in vary]
     return table.drop(columns=[name for name in optional if table[name].isna().all()])
 
 

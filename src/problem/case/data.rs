@@ -257,6 +257,8 @@ pub struct ResultOrigin {
     pub time: f64,
     /// Relative l2 distance of its `f` to the semi-discrete solution, if known.
     pub error: Option<f64>,
+    /// Relative errors of its `f` and of its density due to the grid, if known.
+    pub grid_errors: [Option<f64>; 2],
     /// Whether its `f` was limited to positive values.
     pub positive: bool,
 }

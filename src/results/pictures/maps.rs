@@ -62,7 +62,7 @@ impl ValueSpread {
 /// The sentence of a caption about values down to `lowest` that are drawn as zero.
 pub fn undershoots(lowest: Option<f64>) -> String {
     lowest.map_or(String::new(), |lowest| {
-        format!(" Undershoots down to {} have the colour of 0.", short(lowest))
+        format!(" Undershoots down to {} here have the colour of 0.", short(lowest))
     })
 }
 
@@ -169,7 +169,7 @@ mod tests {
         // Deep, but few.
         let few = spread(&[-0.4, f64::NAN, 1.4, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
         assert_eq!((few.undershoot(), few.range(1.4)), (Some(-0.4), Some([0.0, 1.4])));
-        assert!(undershoots(few.undershoot()).contains("down to -0.4"));
+        assert!(undershoots(few.undershoot()).contains("down to -0.4 here"));
         // A quantity of both signs, round-off, and none below zero.
         let both = spread(&[-0.4, 1.4, 1.0]);
         assert_eq!((both.undershoot(), both.range(1.4)), (None, Some([-0.4, 1.4])));

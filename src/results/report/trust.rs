@@ -1,9 +1,10 @@
 //! Whether a result can be trusted: the first section of the page.
 
 use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, percent, sentence, short};
+use crate::results::accuracy::Accuracy;
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
-use crate::results::summary::{Accuracy, MissedGoals};
+use crate::results::summary::MissedGoals;
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
@@ -45,7 +46,8 @@ pub fn trust(summary: &Value, classical: bool) -> Markup {
         conservation(ledger.as_ref()),
     ];
     let marks = findings.each_ref().map(|finding| finding.mark);
-    let (class, verdict) = verdict(marks);
+    let has_goal = accuracy.as_ref().is_some_and(|accuracy| accuracy.goal.is_some());
+    let (class, verdict) = verdict(marks, has_goal);
     html! {
         section id="trust" class={ "trust " (class) } {
             h2 { (verdict) }
@@ -84,12 +86,20 @@ impl Mark {
     }
 }
 
-/// The class and the sentence for the marks of algorithm, grid, and mass and energy.
-fn verdict([algorithm, grid, conservation]: [Mark; 3]) -> (&'static str, &'static str) {
+/// The class and the sentence for the marks of algorithm, grid, and mass and energy. An accuracy
+/// that was asked for is that of the density, and says nothing about the error of `f`.
+fn verdict(
+    [algorithm, grid, conservation]: [Mark; 3],
+    has_goal: bool,
+) -> (&'static str, &'static str) {
     match (algorithm, grid, conservation) {
         (Mark::Bad, ..) => ("bad", "Do not trust this result: the tolerance is not met"),
+        (_, Mark::Bad, _) if has_goal => ("bad", "The accuracy of the density is not met"),
         (_, Mark::Bad, _) => ("bad", "The grid is too coarse"),
         (_, _, Mark::Bad) => ("bad", "Mass or energy is off: read the warnings"),
+        (Mark::Good, Mark::Good, Mark::Good) if has_goal => {
+            ("good", "Tolerance and accuracy of the density met, mass and energy kept")
+        }
         (Mark::Good, Mark::Good, Mark::Good) => {
             ("good", "Tolerance met, error of the grid below 10 %, mass and energy kept")
         }
@@ -115,38 +125,49 @@ fn algorithm(
     accuracy: Option<&Accuracy>,
     missed: Option<&MissedGoals>,
 ) -> Finding {
-    let asked = summary["tolerance"].as_f64();
-    let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
+    let what = sentence(ALGORITHM_ERROR);
+    let own = ["error_semidiscrete", "error_estimate"].map(|key| summary[key].as_f64());
+    if let Some(missed) = missed.and_then(|missed| missed.tolerance.as_ref()) {
+        let value = own.into_iter().flatten().next().map_or(String::new(), short);
+        return Finding { what, mark: Mark::Bad, value, text: missed.clone() };
+    }
     let Some(error) = accuracy.and_then(|accuracy| accuracy.algorithm) else {
+        let known = accuracy.and_then(|accuracy| accuracy.algorithm_unknown.as_deref());
+        let known = known.unwrap_or("planned, and not estimated");
         return Finding {
-            what: sentence(ALGORITHM_ERROR),
+            what,
             mark: Mark::Unknown,
             value: "not known".to_owned(),
-            text: format!("planned, and not estimated{asked}; solver.verify measures it"),
+            text: format!("{known}; solver.verify measures it"),
         };
     };
-    let mark = match missed {
-        None => Mark::Unknown,
-        Some(MissedGoals { tolerance: Some(_), .. }) => Mark::Bad,
-        Some(_) => Mark::Good,
-    };
+    let mark = missed.map_or(Mark::Unknown, |_| Mark::Good);
+    let asked = summary["tolerance"].as_f64();
+    let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
     let inherited = summary["continued"]["error_inherited"].as_f64();
     let inherited = inherited.map_or(String::new(), |error| {
         format!(", {} of it inherited from the run that it continues", short(error))
     });
     let text = format!("relative l2{inherited}{asked}");
-    Finding { what: sentence(ALGORITHM_ERROR), mark, value: short(error), text }
+    Finding { what, mark, value: short(error), text }
 }
 
 /// The finding on the distance between the solutions of the scheme's equations and of the problem.
 fn grid(accuracy: Option<&Accuracy>, missed: Option<&MissedGoals>) -> Finding {
-    let what = sentence(GRID_ERROR);
     let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
     let Some((accuracy, errors)) = known else {
-        let text = "neither measured nor estimated; a run on twice as many cells would show it";
-        let value = "not known".to_owned();
-        return Finding { what, mark: Mark::Unknown, value, text: text.to_owned() };
+        let why = accuracy.and_then(|accuracy| accuracy.unknown.clone());
+        return Finding {
+            what: sentence(GRID_ERROR),
+            mark: Mark::Unknown,
+            value: "not known".to_owned(),
+            text: why.unwrap_or_else(|| {
+                "neither measured nor estimated; a run on twice as many cells would show it"
+                    .to_owned()
+            }),
+        };
     };
+    let what = sentence(&accuracy.what_is_measured());
     let how = if accuracy.grid_measured { "measured" } else { "estimated" };
     let mut text = format!("relative L2, {how}");
     let goal_missed = missed.and_then(|missed| missed.accuracy.as_ref());
@@ -172,12 +193,13 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&MissedGoals>) -> Finding {
                 }
             }
         }
+        (None, None) if accuracy.includes_algorithm => Mark::Unknown,
         (None, None) if accuracy.is_coarse() => Mark::Bad,
         (None, None) if accuracy.staircase => Mark::Unknown,
         (None, None) => Mark::Good,
     };
     if mark == Mark::Good && accuracy.under_resolved {
-        text += "; the error of the algorithm is far smaller";
+        text += "; UNDER-RESOLVED, as the error of the algorithm is far smaller";
     }
     text += &accuracy.advice_after();
     Finding { what, mark, value: errors, text }
@@ -243,7 +265,7 @@ mod tests {
         for (found, words) in [
             (page(1e-7, 0.02, 0.0), "Tolerance met"),
             (page(1e-5, 0.02, 0.0), "the tolerance is not met"),
-            (page(1e-7, 0.2, 0.0), "too coarse"),
+            (page(1e-7, 0.2, 0.0), "The grid is too coarse"),
             (page(1e-7, 0.02, 0.5), "is off"),
             (trust(&json!({}), false).into_string(), "Not all errors"),
             (trust(&json!({}), true).into_string(), "has no modes"),

@@ -15,6 +15,12 @@
 //! Both rules use the same points, so that the error costs nothing, and halves reuse points of the
 //! whole. A jump between two points makes the rules differ, wherever it lies.
 //!
+//! A filament between two points of the first panels is not seen. So in one dimension, integrals
+//! that begin with more panels are compared at some places. They take over until both agree, or the
+//! points are too many. Likewise, averages over some cells are compared with those over parts of
+//! these cells. If they differ, filaments are looked for within every cell. What differs at last is
+//! part of the error. All this is done for the end of a run only, where errors are measured.
+//!
 //! Averages over a cell of degree 0 are means of integrals at Gauss points. In one dimension the
 //! integrals at the faces are compared with the line through those at the Gauss points. Where they
 //! differ, a front crosses the cell, which is then cut into panels itself, by the same rules.
@@ -111,8 +117,37 @@ const BEFORE_FACE: f64 = 1e-9;
 const TRIAL_TOLERANCE: f64 = 0.01;
 /// Factor on the number of points that these integrals may take.
 const TRIAL_POINTS: usize = 10;
+/// In one dimension integrals are compared with those that begin with so many times the panels.
+const FINER: usize = 4;
+/// Largest difference between them, relative to the density (L1), if the points allow it.
+const UNSEEN: f64 = 1e-4;
+/// Number of places at which they are compared; averages over cells at half as many.
+const COMPARED: usize = 8;
+/// Places in a cell of degree 0, on `[−1, 1]`, at which a filament is looked for.
+const WITHIN: [f64; 3] = [-0.8, 0.0, 0.8];
 /// Panels are halved together if their errors are at least this part of the largest.
 const NEAR_LARGEST: f64 = 0.25;
+
+/// `density` at all `places`, of which each rank computes a part. Collective.
+fn densities(
+    world: &Group,
+    places: &[[f64; MAX_DIMENSION]],
+    density: impl Fn(&[f64; MAX_DIMENSION]) -> f64,
+) -> Vec<f64> {
+    let mut found = vec![0.0; places.len()];
+    for k in split(&(0..places.len()), world.size(), world.rank()) {
+        found[k] = density(&places[k]);
+    }
+    world.gathered(found)
+}
+
+/// `Σ |found − expected| / Σ |expected|`; 0 if a density is zero or undefined, which is found where
+/// it is needed.
+fn relative_difference(found: &[f64], expected: &[f64]) -> f64 {
+    let difference: f64 = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).sum();
+    let size: f64 = expected.iter().map(|density| density.abs()).sum();
+    Some(difference / size).filter(|part| part.is_finite()).map_or(0.0, |part| part.min(1.0))
+}
 
 /// An integral over the velocities at a position.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -194,6 +229,10 @@ pub struct VelocityIntegrals<'a> {
     tolerance: f64,
     /// Points that an integral may take.
     most: usize,
+    /// The part of a density that is expected to lie between the points of the first panels.
+    unseen: f64,
+    /// Whether filaments are looked for within cells of degree 0.
+    within_cells: bool,
     /// The velocities of the grid, if sums over them are accurate enough.
     grid_rule: Option<GridRule>,
 }
@@ -282,13 +321,65 @@ impl<'a> VelocityIntegrals<'a> {
             weights,
             tolerance: 0.0,
             most: most_at(case, positions as f64) as usize,
+            unseen: 0.0,
+            within_cells: false,
             grid_rule: None,
         };
         integrals.tolerance = effort.tolerance * integrals.largest(world, effort.positions);
+        if n == 1 && time == case.end {
+            integrals.see_filaments(world, positions);
+        }
         if case.potential.len() == 1 && effort.trials > 0 {
             integrals.grid_rule = integrals.accepted_grid_rule(world, effort.trials);
         }
         integrals
+    }
+
+    /// Begins with more panels until that changes the densities at some places little, or all
+    /// `positions` would take too many points; then the same for averages over cells. Collective.
+    fn see_filaments(&mut self, world: &Group, positions: usize) {
+        let places = self.places(COMPARED);
+        let at_places =
+            |of: &Self| densities(world, &places, |place| of.by_panels(place).moments[0]);
+        let mut found = at_places(self);
+        let unseen = loop {
+            let panels: Vec<usize> = self.panels.iter().map(|panels| FINER * panels).collect();
+            let points = points_of(&panels);
+            let (most, weights) = (self.most.max(2 * points), self.weights.clone());
+            let finer = Self { panels, most, weights, grid_rule: None, ..*self };
+            let expected = at_places(&finer);
+            let unseen = relative_difference(&found, &expected);
+            let fits = points.saturating_mul(positions) <= allowance(self.space);
+            if unseen <= UNSEEN || !fits {
+                break unseen;
+            }
+            (*self, found) = (finer, expected);
+        };
+        self.unseen = match self.space.x[0].nodes.degree {
+            0 => unseen.max(self.unseen_within_cells(world, &places)),
+            _ => unseen,
+        };
+    }
+
+    /// The difference of averages over cells, and over parts of the same cells, at every second of
+    /// `places`. If it is large, filaments are looked for within cells from now on. Collective.
+    fn unseen_within_cells(&mut self, world: &Group, places: &[[f64; MAX_DIMENSION]]) -> f64 {
+        let axis = &self.space.x[0];
+        let places: Vec<_> = places.iter().copied().step_by(2).collect();
+        let cell_of = |x: f64| (axis.position(x).floor().max(0.0) as usize).min(axis.cells - 1);
+        let expected = densities(world, &places, |[x, ..]| {
+            let cell = cell_of(*x) as i64;
+            self.over_cell([axis.face(cell), axis.face(cell + 1)]).moments[0]
+        });
+        let averages = |of: &Self| {
+            densities(world, &places, |[x, ..]| of.on_line(&[[cell_of(*x), 0, 0]])[0].moments[0])
+        };
+        let difference = relative_difference(&averages(self), &expected);
+        if difference <= UNSEEN {
+            return difference;
+        }
+        self.within_cells = true;
+        relative_difference(&averages(self), &expected)
     }
 
     /// The velocities of the grid, if the densities by them are within the tolerance. Collective.
@@ -343,13 +434,20 @@ impl<'a> VelocityIntegrals<'a> {
         })
     }
 
-    /// The largest `value` at these centres. Collective.
+    /// The largest `value` at these [`places`](Self::places). Collective.
     fn largest_of(
         &self,
         world: &Group,
         most: usize,
         value: impl Fn(&[f64; MAX_DIMENSION]) -> f64,
     ) -> f64 {
+        let positions = self.places(most);
+        let mine = split(&(0..positions.len()), world.size(), world.rank());
+        world.max(positions[mine].iter().map(value).fold(0.0, f64::max))
+    }
+
+    /// Up to `most` centres of elements along each axis.
+    fn places(&self, most: usize) -> Vec<[f64; MAX_DIMENSION]> {
         let axes = &self.space.x;
         let counts: Vec<_> = axes.iter().map(|axis| 0..axis.elements().min(most)).collect();
         let mut positions = Vec::new();
@@ -361,8 +459,7 @@ impl<'a> VelocityIntegrals<'a> {
             }
             positions.push(position);
         });
-        let mine = split(&(0..positions.len()), world.size(), world.rank());
-        world.max(positions[mine].iter().map(value).fold(0.0, f64::max))
+        positions
     }
 
     /// The integrals at the space cells `cells`: averaged over a cell of degree 0, else at its
@@ -427,7 +524,11 @@ impl<'a> VelocityIntegrals<'a> {
             };
             // Behind the upper face the density may be another one.
             let before = || at(faces[1] - BEFORE_FACE * (faces[1] - faces[0]));
-            if is_bent(&lower, -1.0) || (is_bent(&beyond, 1.0) && is_bent(&before(), 1.0)) {
+            let within = || WITHIN.iter().any(|node| is_bent(&at(axis.at(j as i64, *node)), *node));
+            if is_bent(&lower, -1.0)
+                || (is_bent(&beyond, 1.0) && is_bent(&before(), 1.0))
+                || (self.within_cells && within())
+            {
                 let found = self.over_cell(faces);
                 if found.moments[0].is_finite() {
                     return found;
@@ -513,7 +614,9 @@ impl<'a> VelocityIntegrals<'a> {
             let largest = panels.iter().map(|panel| panel.error).fold(0.0, f64::max);
             let allowed = left / new_points;
             if error <= self.tolerance || error.is_nan() || allowed == 0 {
-                return self.integral(&panels, error);
+                let found = self.integral(&panels, error);
+                let error = error + self.unseen * found.moments[0].abs();
+                return VelocityIntegral { error, ..found };
             }
             let (mut open, mut k) = (Vec::new(), 0);
             while k < panels.len() && open.len() < allowed {

@@ -19,8 +19,8 @@ use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, coordinate, for_each_cell};
+use crate::results::accuracy::GridErrorPair;
 use crate::results::ledger::STANDARD_ERRORS;
-use crate::results::summary::ParticleErrors;
 use crate::run::ledger::draw::{Particle, REPLICATES};
 use std::ops::Range;
 
@@ -111,9 +111,9 @@ impl Arrivals {
 
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
-    pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
+    pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> GridErrorPair {
         let is_density = matches!(result.case.data, Data::Density);
-        ParticleErrors {
+        GridErrorPair {
             field: is_density.then(|| field_error(world, result, &self.by_replicate)).flatten(),
             density: self.error_of(world, result, result.density),
         }
@@ -243,7 +243,8 @@ fn products(
     found
 }
 
-/// The relative L1 error of `density`, by the masses in parts of space. Collective.
+/// The relative L1 error of `density`, by the masses in parts of space and in all of it.
+/// Collective.
 fn density_error(
     world: &Group,
     result: &ComparedResult<'_>,
@@ -277,7 +278,7 @@ fn density_error(
             &mut axes.map(|(axis, j)| part_of(axis, axis.split(*j as i64).0 as usize)),
         ));
     });
-    let (mut shown, mut size) = (0.0, 0.0);
+    let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
     for (part, masses) in by_replicate.iter().enumerate() {
         let here =
             density.iter().zip(&places).map(|(rho, at)| if *at == part { *rho } else { 0.0 });
@@ -286,7 +287,13 @@ fn density_error(
         let uncertain = STANDARD_ERRORS * scatter.max(of_particle);
         shown += ((found - expected).abs() - uncertain).max(0.0);
         size += expected.abs();
+        total += found;
     }
+    // The whole mass is known better than its parts if little of it leaves.
+    let masses: Vec<f64> =
+        all.iter().map(|of| of.iter().map(|arrival| arrival.mass).sum()).collect();
+    let [expected, scatter] = mean(&masses);
+    shown = shown.max((total - expected).abs() - STANDARD_ERRORS * scatter);
     Some(shown / size).filter(|error| error.is_finite())
 }
 

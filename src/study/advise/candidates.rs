@@ -54,7 +54,10 @@ struct ToleranceTrial {
 impl Study<'_> {
     /// The report of the set-up `target` on the grid `reached`, without its cost.
     fn entry(&mut self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
-        let refused = vanished_region(target).or_else(|| self.why_missed(scheme, reached));
+        let wanted_budget = self.wanted_budget(scheme, reached);
+        let refused = vanished_region(target)
+            .or_else(|| wanted_budget.map(not_compared))
+            .or_else(|| self.why_missed(reached));
         let settings = settings(self.case, self.trials.base(), target);
         SetupReport {
             name: self.name(target.method, scheme),
@@ -77,6 +80,7 @@ impl Study<'_> {
             memory_bytes_per_rank: 0.0,
             seconds: None,
             seconds_measured: false,
+            wanted_budget,
             refused,
             estimate: None,
             command: command(self.case, &settings),
@@ -84,21 +88,21 @@ impl Study<'_> {
         }
     }
 
-    /// The reason why the grid `reached` does not reach the accuracy; `None` if it does.
-    fn why_missed(&mut self, scheme: SchemeChoice, reached: &ReachedGrid) -> Option<String> {
-        let (error, on) = (reached.error, shape_text(&reached.shape));
-        if reached.order.pairs.is_empty() && reached.known == Evidence::Extrapolated {
-            let next = self.trials.degree_case(scheme).grids.twice(&reached.shape);
-            let updates = self.trials.updates_to_try(scheme, &next).unwrap_or(f64::INFINITY);
-            let budget = Budget::that_holds(updates, FOR_GRIDS * FOR_LEVELS);
-            let longer = match budget < LONGEST_BUDGET {
-                true => format!("a --budget of about {} s", short(one_digit(budget))),
-                false => "a longer --budget".to_owned(),
-            };
-            return Some(format!(
-                "the budget does not hold two grids to compare; {longer} may allow it"
-            ));
+    /// The budget in seconds that may hold two grids of `scheme`, if only one was tried.
+    fn wanted_budget(&mut self, scheme: SchemeChoice, reached: &ReachedGrid) -> Option<f64> {
+        if !reached.order.pairs.is_empty() || reached.known != Evidence::Extrapolated {
+            return None;
         }
+        let next = self.trials.degree_case(scheme).grids.twice(&reached.shape);
+        let updates = self.trials.updates_to_try(scheme, &next).unwrap_or(f64::INFINITY);
+        let budget = Budget::that_holds(updates, FOR_GRIDS * FOR_LEVELS);
+        // That may be too low: the budget that was given does not suffice.
+        Some(budget.max(2.0 * self.request.budget))
+    }
+
+    /// The reason why the grid `reached` does not reach the accuracy; `None` if it does.
+    fn why_missed(&self, reached: &ReachedGrid) -> Option<String> {
+        let (error, on) = (reached.error, shape_text(&reached.shape));
         if error <= DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF) {
             return None;
         }
@@ -402,6 +406,15 @@ impl Study<'_> {
         let found = self.trials.measure(&own, updates).ok()?;
         Some(distance(&found.density, density))
     }
+}
+
+/// The reason why a set-up is refused of which a longer `budget` may hold two grids.
+fn not_compared(budget: f64) -> String {
+    let longer = match budget < LONGEST_BUDGET {
+        true => format!("a --budget of about {} s", short(one_digit(budget))),
+        false => "a longer --budget".to_owned(),
+    };
+    format!("the budget does not hold two grids to compare; {longer} may allow it")
 }
 
 /// The reason why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids

@@ -1,8 +1,10 @@
 //! Advice as text.
 
-use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, quoted, seconds_text};
+use crate::base::text::{
+    ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, one_digit, quoted, seconds_text, short,
+};
 use crate::problem::case::{Case, Method};
-use crate::results::summary::{STAIRCASE, hides_staircase};
+use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::setups::{AdviceReport, ErrorParts, SetupReport};
 use crate::study::advise::trials::cells;
@@ -72,6 +74,22 @@ pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
         warnings.push(what.to_owned());
     }
     warnings
+}
+
+/// A warning if the set-up `best` takes longer than the `budget`, and some were not compared as it
+/// does not hold two of their grids.
+pub fn may_be_slow(best: &SetupReport, entries: &[SetupReport], budget: f64) -> Option<String> {
+    let seconds = best.seconds.filter(|seconds| *seconds > budget)?;
+    let wanted = entries.iter().filter_map(|entry| entry.wanted_budget);
+    let (count, least) = (wanted.clone().count(), wanted.reduce(f64::min)?);
+    Some(format!(
+        "{} takes about {}, longer than the budget, and {} not compared: with a --budget of about \
+         {} s quicker ones may be found",
+        best.name,
+        seconds_text(seconds),
+        counted(count, "set-up was", "set-ups were"),
+        short(one_digit(least))
+    ))
 }
 
 fn evidence(known: Evidence) -> &'static str {

@@ -87,6 +87,8 @@ pub struct SetupReport {
     pub seconds: Option<f64>,
     /// Whether the seconds were measured on this grid; otherwise they are predicted from trials.
     pub seconds_measured: bool,
+    /// The budget in seconds that may hold two of its grids, if that of the study does not.
+    pub wanted_budget: Option<f64>,
     /// The reason why the set-up is refused; `None` if it can be run.
     pub refused: Option<String>,
     /// The reason why the set-up is only an estimate; `None` if it is advice.
@@ -112,7 +114,7 @@ impl SetupReport {
 
     /// Work of a run: updates of unknowns, the same on every machine.
     pub fn work(&self) -> f64 {
-        let each = application_weight(self.degree, self.limiter) as f64;
+        let each = application_weight(self.degree, self.limiter);
         self.applications * self.computed_cells * each
     }
 
@@ -258,6 +260,7 @@ mod tests {
             memory_bytes_per_rank: 0.0,
             seconds: None,
             seconds_measured: false,
+            wanted_budget: None,
             refused: None,
             estimate: None,
             settings: Vec::new(),

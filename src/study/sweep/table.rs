@@ -12,10 +12,10 @@ use std::path::Path;
 
 /// Entries of `summary.json` in the table, as in the Python package. A column that is empty for all
 /// runs is left out.
-const ENTRIES: [&str; 12] = [
+const ENTRIES: [&str; 14] = [
     "cells", "modes", "matvecs", "error_estimate", "error_semidiscrete", "error_l1_relative",
-    "error_density_l1_relative", "accuracy.grid", "mass", "solve_seconds", "wall_seconds",
-    "memory_peak_bytes_per_rank",
+    "error_density_l1_relative", "accuracy.grid", "accuracy.grid_source", "verdict", "mass",
+    "solve_seconds", "wall_seconds", "memory_peak_bytes_per_rank",
 ];
 /// The largest number of characters of a cell on the terminal.
 const MOST_SHOWN: usize = 40;
@@ -240,7 +240,8 @@ mod tests {
             error,
         };
         let summary = json!({
-            "cells": 64, "mass": 0.25, "matvecs": null, "accuracy": {"grid": 1e-5},
+            "cells": 64, "mass": 0.25, "matvecs": null,
+            "accuracy": { "grid": 1e-5, "grid_source": "measured" }, "verdict": "resolved",
             "warnings": ["one, \"two\"", "three"], "wall_seconds": 1.0, "solve_seconds": 0.5,
             "error_l1_relative": 1.5e-3, "error_density_l1_relative": 2.5e-4,
             "memory_peak_bytes_per_rank": 123_456_789,
@@ -254,11 +255,12 @@ mod tests {
     #[test]
     fn all_digits_are_in_the_csv() {
         let text = "solver.tolerance,initial.f,cells,error_l1_relative,error_density_l1_relative,\
-                    accuracy.grid,mass,solve_seconds,wall_seconds,memory_peak_bytes_per_rank,\
-                    warnings,error,directory\n\
-                    1e-05,\"exp(-x^2), 50 %\",64,0.0015,0.00025,1e-05,0.25,0.5,1.0,123456789,\
+                    accuracy.grid,accuracy.grid_source,verdict,mass,solve_seconds,wall_seconds,\
+                    memory_peak_bytes_per_rank,warnings,error,directory\n\
+                    1e-05,\"exp(-x^2), 50 %\",64,0.0015,0.00025,1e-05,measured,resolved,0.25,0.5,\
+                    1.0,123456789,\
                     \"one, \"\"two\"\"; three\",,a b\n\
-                    5.0,\"exp(-x^2), 50 %\",,,,,,,,,,\"solver.tolerance = 5.0:\nbelow 1\",a b\n";
+                    5.0,\"exp(-x^2), 50 %\",,,,,,,,,,,,\"solver.tolerance = 5.0:\nbelow 1\",a b\n";
         assert_eq!(table().csv(), text);
         assert_eq!(table().failed(), 1);
     }
@@ -269,7 +271,7 @@ mod tests {
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[0], TEX_HEAD);
         let lines = &lines[1..];
-        assert_eq!(lines[0], "\\begin{tabular}{rlrrrrrrrr}");
+        assert_eq!(lines[0], "\\begin{tabular}{rlrrrrllrrrr}");
         assert!(
             lines[2].starts_with("solver.tolerance & initial.f & cells & error\\_l1\\_relative &")
         );
@@ -328,7 +330,7 @@ mod tests {
         assert!(text.lines().all(|line| line.chars().count() <= COLUMNS), "{text}");
         let mut pieces: Vec<&str> = text.split("\n\n").collect();
         assert_eq!(pieces.pop(), Some("run 2: solver.tolerance = 5.0:\n"));
-        assert_eq!(pieces.len(), 2, "{text}");
+        assert_eq!(pieces.len(), 3, "{text}");
         assert!(pieces.iter().all(|piece| piece.starts_with("run  ")), "{text}");
         for column in table().numbers() {
             let count = pieces.iter().map(|piece| piece.matches(&column.name).count());

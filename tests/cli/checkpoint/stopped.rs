@@ -265,6 +265,31 @@ fn a_signal_ends_a_set_up_at_once() {
     });
 }
 
+/// Nor do the trial runs that choose a grid store anything.
+#[test]
+fn a_signal_ends_the_trials_of_an_accuracy_at_once() {
+    let rows = [("-TERM", "schrodingerized"), ("-INT", "classical"), ("-USR1", "schrodingerized")];
+    check_all(&rows, |(signal, method)| {
+        let place = directory();
+        let wanted = ["--accuracy", "1e-4", "--budget", "40s"];
+        let job = of_case("run", "example1.toml").set(&[&format!("solver.method={method}")]);
+        let mut sent = None;
+        // Some trials have ended by then.
+        let finished =
+            job.with(wanted).into(place.path()).closely().run_while(|process, since| {
+                if sent.is_none() && since > Duration::from_secs(5) {
+                    sent = Some(Instant::now());
+                    send(signal, process.id());
+                }
+            })?;
+        finished.ended(75, &["stopped by a signal before the first mode"])?;
+        match sent.map(|sent| sent.elapsed()) {
+            Some(took) if took < Duration::from_secs(8) => Ok(()),
+            took => Err(finished.report(&format!("{took:?} after the signal"))),
+        }
+    });
+}
+
 /// From the moment when the handlers are there, a stop signal ends a run with exit code 75. The
 /// signal comes at once, or up to a tenth of a second later: while MPI starts, while the case is
 /// read, or in the set-up that follows.

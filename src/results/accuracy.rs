@@ -1,0 +1,287 @@
+//! The errors of a run ([`Accuracy`]) and a sentence about them.
+
+use crate::base::text::{
+    ALGORITHM_ERROR, GRID_ERROR, one_digit, percent, quoted, rounded_down, short,
+};
+use crate::problem::case::{Case, Data, Exact, Limiter, Method};
+use crate::problem::element::LARGEST_DEGREE;
+use crate::problem::grid::PhaseSpace;
+use crate::problem::potential::oblique::oblique_edges;
+use serde::{Deserialize, Serialize};
+
+/// Relative errors of the grid; `None` where they are not known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GridErrorPair {
+    /// Of `f`, in L2.
+    pub field: Option<f64>,
+    /// Of the density: in L1 if particles show it, otherwise in L2.
+    pub density: Option<f64>,
+}
+
+/// The way in which an error of the grid is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ErrorSource {
+    /// Measured against an exact solution.
+    Measured,
+    /// Estimated from the solution.
+    Estimated,
+    /// Shown by particles of the exact flow, beyond their scatter.
+    Particles,
+    /// The error of the result from which the run continues, which is larger than the estimate.
+    Inherited,
+}
+
+/// The errors of a run: that of the algorithm, which is the distance to the semi-discrete solution,
+/// and that of the grid, which is the distance from there to the exact solution.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Accuracy {
+    /// `solver.tolerance`; `None` for the classical method, and if no plan holds it, as the inflow
+    /// jumps in time.
+    pub asked: Option<f64>,
+    /// `solver.accuracy`, if given.
+    pub goal: Option<f64>,
+    /// Relative l2 distance to the semi-discrete solution: the measured one (`solver.verify`), else
+    /// the estimate if that is reliable. That of a continued run counts from time 0.
+    pub algorithm: Option<f64>,
+    /// What is known instead if that distance is not, as the end of a sentence about it.
+    #[serde(default)]
+    pub algorithm_unknown: Option<String>,
+    /// Relative L2 distance of `f` to the exact solution.
+    pub grid: Option<f64>,
+    /// The way in which that is known.
+    #[serde(default)]
+    pub grid_source: Option<ErrorSource>,
+    /// Relative L2 distance of the density to the exact solution; L1 if particles show it.
+    pub grid_density: Option<f64>,
+    /// The way in which that is known.
+    #[serde(default)]
+    pub grid_density_source: Option<ErrorSource>,
+    /// Whether the grid's errors were measured against an exact solution, or else estimated.
+    pub grid_measured: bool,
+    /// Whether the error of the algorithm is more than half of the measured errors, so that they
+    /// say little about the grid.
+    #[serde(default)]
+    pub includes_algorithm: bool,
+    /// Relative L1 distance of the density to the cell averages of the exact one, which
+    /// `solver.accuracy` bounds; `None` without `solver.accuracy` or `[exact]`.
+    pub goal_error: Option<f64>,
+    /// That error, as expected by the trials that chose the grid for `solver.accuracy`.
+    #[serde(default)]
+    pub goal_estimate: Option<f64>,
+    /// The grid's errors that particles of the exact flow show beyond their scatter.
+    #[serde(default)]
+    pub particles: GridErrorPair,
+    /// The grid's errors of the result from which the run continues: that of `f` relative to `f` at
+    /// the end of the run.
+    #[serde(default)]
+    pub inherited: GridErrorPair,
+    /// The reason why the grid's error is not known at all.
+    #[serde(default)]
+    pub unknown: Option<String>,
+    /// Estimate of the grid's error of `f`, if there is one; also if the error was measured.
+    pub grid_estimate: Option<f64>,
+    /// Estimate of the grid's error of the density, if there is one; also if the error was
+    /// measured.
+    pub grid_density_estimate: Option<f64>,
+    /// Whether the grid's error is above a tenth, or more than ten times the larger of the
+    /// algorithm's error and the tolerance. If `goal_error` is known, or else `goal_estimate`:
+    /// whether `solver.accuracy` is missed.
+    pub under_resolved: bool,
+    /// Whether the errors do not count what an edge of `V` that is not along the axes adds: the
+    /// exact solution by characteristics meets the same staircase of faces as the scheme does, and
+    /// an estimate knows no other edge.
+    #[serde(default)]
+    pub staircase: bool,
+    /// A remedy, as the end of a sentence, if the run is under-resolved, or if the density meets
+    /// `solver.accuracy` but `f` is far from exact. With a staircase, a sentence about it.
+    #[serde(default)]
+    pub advice: Option<String>,
+}
+
+/// What the errors leave out if an edge of `V` is not along the axes.
+pub const STAIRCASE: &str = "an edge of V is not along the axes: the error of the staircase of \
+                             faces in its place is not included, and more cells do not lower that";
+
+/// Whether errors of runs of `case` leave out what an edge of `V` that is not along the axes adds:
+/// all but those against a formula.
+pub fn hides_staircase(case: &Case) -> bool {
+    !matches!(case.exact, Some(Exact::Formula(_))) && !oblique_edges(case).is_empty()
+}
+
+/// A larger relative error of the grid is large, whatever the algorithm's error.
+const LARGE_GRID_ERROR: f64 = 0.1;
+/// Whether a relative error of the grid is large.
+pub fn is_large(error: f64) -> bool {
+    error > LARGE_GRID_ERROR
+}
+
+/// The grid limits the run if its error is more than this multiple of the algorithm's.
+const DOMINANT: f64 = 10.0;
+
+impl Accuracy {
+    /// These errors, with the grid's relative errors of `f` and of the density, measured and
+    /// estimated. A large error that particles show, or the inherited one, takes the place of a
+    /// smaller estimate.
+    pub fn with_grid(self, measured: [Option<f64>; 2], estimated: [Option<f64>; 2]) -> Self {
+        let grid_measured = measured.iter().any(Option::is_some);
+        let shown = [self.particles.field, self.particles.density];
+        let inherited = [self.inherited.field, self.inherited.density];
+        let found = [0, 1].map(|k| {
+            let all = [
+                (measured[k], ErrorSource::Measured),
+                (estimated[k], ErrorSource::Estimated),
+                (shown[k].filter(|error| is_large(*error)), ErrorSource::Particles),
+                (inherited[k], ErrorSource::Inherited),
+            ];
+            let known = if grid_measured { &all[..1] } else { &all[1..] };
+            let known = known.iter().filter_map(|(error, source)| Some(((*error)?, *source)));
+            known.reduce(|a, b| if b.0 > a.0 { b } else { a }).unzip()
+        });
+        let [(grid, grid_source), (grid_density, grid_density_source)] = found;
+        let [grid_estimate, grid_density_estimate] = estimated;
+        let found = Self {
+            grid,
+            grid_source,
+            grid_density,
+            grid_density_source,
+            grid_measured,
+            grid_estimate,
+            grid_density_estimate,
+            ..self
+        };
+        let of_algorithm = found.algorithm_or_tolerance();
+        let dominates = of_algorithm > 0.0 && found.worst() > DOMINANT * of_algorithm;
+        let under_resolved = found.is_coarse() || dominates;
+        Self { under_resolved, ..found }
+    }
+
+    /// The larger of the grid's errors of `f` and of the density; zero if none is known.
+    fn worst(&self) -> f64 {
+        self.grid.into_iter().chain(self.grid_density).fold(0.0, f64::max)
+    }
+
+    /// The algorithm's error if it is known, or the tolerance if that is larger; 0 without both.
+    fn algorithm_or_tolerance(&self) -> f64 {
+        self.algorithm.into_iter().chain(self.asked).fold(0.0, f64::max)
+    }
+
+    /// Whether the grid's error is above a tenth.
+    pub fn is_coarse(&self) -> bool {
+        is_large(self.worst())
+    }
+
+    /// A sentence that compares the two errors; `None` if the grid's error is unknown.
+    pub fn line(&self) -> Option<String> {
+        let Some(errors) = self.errors_of_grid() else {
+            let why = self.unknown.as_ref()?;
+            return Some(format!("accuracy: {GRID_ERROR} not estimated: {why}"));
+        };
+        let head = match (self.staircase, self.under_resolved) {
+            (true, _) => "STAIRCASE",
+            (false, true) => "UNDER-RESOLVED",
+            (false, false) => "accuracy",
+        };
+        let advice = self.advice_after();
+        let what = self.what_is_measured();
+        let how = if self.grid_measured { "measured" } else { "estimated" };
+        let of_algorithm = match (self.algorithm, &self.algorithm_unknown) {
+            (Some(error), _) => format!("; {ALGORITHM_ERROR} {error:.1e}"),
+            (None, Some(known)) => format!("; {ALGORITHM_ERROR} {known}"),
+            (None, None) => String::new(),
+        };
+        Some(format!("{head}: {what} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
+    }
+
+    /// The name of the errors of the grid: the measured ones may be mostly the algorithm's.
+    pub fn what_is_measured(&self) -> String {
+        let and = if self.includes_algorithm { " and of the algorithm together" } else { "" };
+        format!("{GRID_ERROR}{and}")
+    }
+
+    /// The grid's errors as text, in significant digits; `None` if none is known.
+    pub fn errors_of_grid(&self) -> Option<String> {
+        let named = |name: &str, error: Option<f64>, source: Option<ErrorSource>| {
+            // An estimate may be wrong by a factor of ten.
+            let about = format!("about {} %", short(one_digit(100.0 * error?)));
+            // Older summaries do not have the source.
+            let source = source.unwrap_or(match self.grid_measured {
+                true => ErrorSource::Measured,
+                false => ErrorSource::Estimated,
+            });
+            let digits = match source {
+                ErrorSource::Measured => percent(error?),
+                ErrorSource::Estimated => about,
+                ErrorSource::Particles if name == "f" => format!("{about} by particles"),
+                ErrorSource::Particles => format!("{about} by particles (L1)"),
+                ErrorSource::Inherited => format!("{about} from before"),
+            };
+            Some(format!("{name} {digits}"))
+        };
+        let field = named("f", self.grid, self.grid_source);
+        let density = named("density", self.grid_density, self.grid_density_source);
+        let errors: Vec<String> = field.into_iter().chain(density).collect();
+        (!errors.is_empty()).then(|| errors.join(", "))
+    }
+
+    /// `; ` and a remedy, if one is needed; otherwise empty.
+    pub fn advice_after(&self) -> String {
+        self.advice.as_ref().map_or(String::new(), |advice| format!("; {advice}"))
+    }
+
+    /// The remedy for a run of `case` whose grid's error is too large.
+    pub fn remedy(&self, case: &Case) -> String {
+        let degree = lowest_degree(&case.space);
+        let missed = self.goal_error.zip(self.goal).filter(|(error, goal)| error > goal);
+        let is_large = missed.is_some() || self.is_coarse();
+        let (ratio, wanted) = match missed {
+            Some((error, goal)) => (error / goal, format!("{goal:e}")),
+            None => {
+                (self.worst() / LARGE_GRID_ERROR, format!("{} %", short(100.0 * LARGE_GRID_ERROR)))
+            }
+        };
+        let cells = match largest_order(case, degree).filter(|_| is_large) {
+            Some(order) => {
+                let times = short((10.0 * ratio.powf(1.0 / order)).ceil() / 10.0);
+                format!("more cells (at least {times} times as many per axis for {wanted})")
+            }
+            None => "more cells".to_owned(),
+        };
+        let is_classical = case.method == Method::Classical;
+        let may_have_slopes = is_classical && case.has_upwind_cells() && !case.varies();
+        let or = match degree {
+            0 if case.limiter != Limiter::None => "",
+            0 if may_have_slopes => ", a scheme.degree above 0 or slopes (scheme.limiter)",
+            0 => " or a scheme.degree above 0",
+            1 | 2 => " or a higher scheme.degree",
+            LARGEST_DEGREE.. => "",
+            // Where data jump, degrees above 3 gain little.
+            _ => ", or a higher scheme.degree where f does not jump,",
+        };
+        let is_start = case.start.is_none() && case.start_field.is_none();
+        let then = if !is_large {
+            let enough = rounded_down(self.worst() / DOMINANT);
+            format!("; with this grid solver.tolerance = {enough:e} would suffice")
+        } else if is_start && self.goal.is_none() {
+            format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))
+        } else {
+            String::new()
+        };
+        format!("{cells}{or} would lower it{then}")
+    }
+}
+
+/// The highest order of convergence, in the width of cells, of a run of `case` whose axes have at
+/// least this `degree`: `degree + 1`, but 2 for degree 0 with the central flux or slopes. `None`
+/// for measure-valued data.
+fn largest_order(case: &Case, degree: usize) -> Option<f64> {
+    let is_second = case.limiter != Limiter::None || case.flux == 0.0;
+    let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
+    matches!(case.data, Data::Density).then_some(order)
+}
+
+/// The lowest degree of the axes that have more than one cell.
+fn lowest_degree(space: &PhaseSpace) -> usize {
+    let axes = space.axes().filter(|axis| axis.cells > 1);
+    axes.map(|axis| axis.nodes.degree).min().unwrap_or(0)
+}
