@@ -14,7 +14,19 @@ use serde::{Deserialize, Serialize};
 pub struct GridErrorPair {
     /// Of `f`, in L2.
     pub field: Option<f64>,
-    /// Of the density: in L1 if particles show it, otherwise in L2.
+    /// Of the density, in L2; in L1 if particles showed it.
+    pub density: Option<f64>,
+}
+
+/// Relative errors of the grid that particles of the exact flow show; `None` where they do not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ParticleErrors {
+    /// Of `f` in L2, beyond the scatter: at least this.
+    pub field: Option<f64>,
+    /// Of `f` in L2, where the scatter is small: about this.
+    #[serde(default)]
+    pub field_mean: Option<f64>,
+    /// Of the density in L1, beyond the scatter: at least this.
     pub density: Option<f64>,
 }
 
@@ -26,7 +38,7 @@ pub enum ErrorSource {
     Measured,
     /// Estimated from the solution.
     Estimated,
-    /// Shown by particles of the exact flow, beyond their scatter.
+    /// Shown by particles of the exact flow.
     Particles,
     /// The error of the result from which the run continues, which is larger than the estimate.
     Inherited,
@@ -69,9 +81,9 @@ pub struct Accuracy {
     /// That error, as expected by the trials that chose the grid for `solver.accuracy`.
     #[serde(default)]
     pub goal_estimate: Option<f64>,
-    /// The grid's errors that particles of the exact flow show beyond their scatter.
+    /// The grid's errors that particles of the exact flow show.
     #[serde(default)]
-    pub particles: GridErrorPair,
+    pub particles: ParticleErrors,
     /// The grid's errors of the result from which the run continues: that of `f` relative to `f` at
     /// the end of the run.
     #[serde(default)]
@@ -121,16 +133,19 @@ const DOMINANT: f64 = 10.0;
 
 impl Accuracy {
     /// These errors, with the grid's relative errors of `f` and of the density, measured and
-    /// estimated. A large error that particles show, or the inherited one, takes the place of a
-    /// smaller estimate.
+    /// estimated. Where particles of small scatter show that of `f`, it takes the place of the
+    /// estimate. A large error that they show beyond their scatter, or the inherited one, takes the
+    /// place of a smaller estimate.
     pub fn with_grid(self, measured: [Option<f64>; 2], estimated: [Option<f64>; 2]) -> Self {
         let grid_measured = measured.iter().any(Option::is_some);
         let shown = [self.particles.field, self.particles.density];
+        let mean = [self.particles.field_mean, None];
         let inherited = [self.inherited.field, self.inherited.density];
         let found = [0, 1].map(|k| {
             let all = [
                 (measured[k], ErrorSource::Measured),
-                (estimated[k], ErrorSource::Estimated),
+                (estimated[k].filter(|_| mean[k].is_none()), ErrorSource::Estimated),
+                (mean[k], ErrorSource::Particles),
                 (shown[k].filter(|error| is_large(*error)), ErrorSource::Particles),
                 (inherited[k], ErrorSource::Inherited),
             ];

@@ -620,6 +620,7 @@ fn parse(text: &str) -> Option<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::results::accuracy::ParticleErrors;
 
     #[test]
     fn a_summary_knows_its_changes() {
@@ -645,7 +646,7 @@ mod tests {
                     [initial]\nf = \"1\"\n[time]\nend = 1\n[solver]\naccuracy = 1e-2\n";
         let case = Case::parse("test", text, &[]).expect("a case");
         let judged = |shown: f64, measured: Option<f64>| {
-            let particles = GridErrorPair { field: None, density: Some(shown) };
+            let particles = ParticleErrors { density: Some(shown), ..ParticleErrors::default() };
             let accuracy = Accuracy { particles, goal_error: measured, ..Accuracy::default() };
             let mut summary = Summary { accuracy, ..Summary::default() };
             summary.judge(&case, [Some(1e-3); 2]);

@@ -19,7 +19,7 @@ use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, coordinate, for_each_cell};
-use crate::results::accuracy::GridErrorPair;
+use crate::results::accuracy::ParticleErrors;
 use crate::results::ledger::STANDARD_ERRORS;
 use crate::run::ledger::draw::{Particle, REPLICATES};
 use std::ops::Range;
@@ -32,6 +32,8 @@ const MOST_PRODUCTS: usize = 20_000_000;
 const LEAST_PARTICLES: usize = 16;
 /// Least number of replicates of which particles arrive.
 const LEAST_REPLICATES: usize = 12;
+/// Largest standard error of the square of an error, as a part of it, with which the mean counts.
+const MOST_SCATTER: f64 = 0.2;
 /// Number of numbers of an [`ArrivedParticle`].
 const NUMBERS: usize = 8;
 
@@ -111,12 +113,13 @@ impl Arrivals {
 
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
-    pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> GridErrorPair {
+    pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
         let is_density = matches!(result.case.data, Data::Density);
-        GridErrorPair {
-            field: is_density.then(|| field_error(world, result, &self.by_replicate)).flatten(),
-            density: self.error_of(world, result, result.density),
-        }
+        let [field, field_mean] = match is_density {
+            true => field_error(world, result, &self.by_replicate),
+            false => [None; 2],
+        };
+        ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
     }
 
     /// The relative L1 error of a `density` on the share of `result`. Collective.
@@ -138,13 +141,16 @@ fn mean(values: &[f64]) -> [f64; 2] {
     [mean, (squares / (count * (count - 1.0))).sqrt()]
 }
 
-/// `‖f_h − f‖ / ‖f‖` in L2, where `f ≠ 0`. Collective.
+/// `‖f_h − f‖ / ‖f‖` in L2, where `f ≠ 0`: less the scatter, and the mean if its scatter is small.
+/// Along axes of degree 0 beside others `f_h` varies between centres by another rule than where
+/// errors are measured, so that there is no mean. Collective.
 fn field_error(
     world: &Group,
     result: &ComparedResult<'_>,
     all: &[Vec<ArrivedParticle>],
-) -> Option<f64> {
-    let points: usize = result.case.space.axes().map(|axis| axis.nodes.count().max(2)).product();
+) -> [Option<f64>; 2] {
+    let space = &result.case.space;
+    let points: usize = space.axes().map(|axis| axis.nodes.count().max(2)).product();
     let most = (MOST_PRODUCTS / (REPLICATES * points)).max(LEAST_PARTICLES);
     let step = all.iter().map(Vec::len).max().unwrap_or(0).div_ceil(most);
     let chosen: Vec<Vec<ArrivedParticle>> =
@@ -161,7 +167,13 @@ fn field_error(
     let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|[error, size]| (error, size)).unzip();
     let ([error, scatter], [size, _]) = (mean(&errors), mean(&sizes));
     let shown = (error - STANDARD_ERRORS * scatter).max(0.0);
-    Some((shown / size).sqrt().min(1.0)).filter(|error| error.is_finite())
+    let relative =
+        |square: f64| Some((square / size).sqrt().min(1.0)).filter(|error| error.is_finite());
+    let degrees = space.axes().filter(|axis| axis.cells > 1).map(|axis| axis.nodes.degree);
+    let (of_cells, of_elements): (Vec<_>, Vec<_>) = degrees.partition(|degree| *degree == 0);
+    let is_mixed = !of_cells.is_empty() && !of_elements.is_empty();
+    let is_sharp = scatter <= MOST_SCATTER * error && !is_mixed;
+    [relative(shown), relative(error).filter(|_| is_sharp)]
 }
 
 /// `f_h` at the points of `arrivals`, the same on all ranks. Collective.

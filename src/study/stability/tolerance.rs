@@ -122,7 +122,7 @@ fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
         }
         if errors.too_long {
             let below = last.map_or(String::new(), |last| format!(" below {last:.0e}"));
-            ended.push(format!("{name}{below} (takes too long here)"));
+            ended.push(format!("{name}{below} (more than the budget, or {MOST_MODES} modes)"));
         }
     }
     let mut verdict = String::new();
