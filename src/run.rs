@@ -40,7 +40,7 @@ use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::results::accuracy::Accuracy;
 use crate::results::finished;
-use crate::results::summary::{self, MissedGoals, Summary};
+use crate::results::summary::{self, ContinuedResult, MissedGoals, Summary};
 use crate::run::options::{Options, Output};
 use crate::run::planning::with_start;
 pub use crate::run::solution::Solution;
@@ -109,7 +109,9 @@ pub fn lines_about_errors(world: &World, directory: &Path, strict: bool) -> Resu
         let accuracy = Accuracy::deserialize(&stored["accuracy"]).unwrap_or_default();
         let missed = MissedGoals::deserialize(&stored["missed"]).unwrap_or_default();
         let missed = missed.line().filter(|_| !strict);
-        Ok(accuracy.line().into_iter().chain(missed).collect())
+        let continued = ContinuedResult::deserialize(&stored["continued"]).ok();
+        let inherited = continued.as_ref().map(ContinuedResult::line);
+        Ok(inherited.into_iter().chain(accuracy.line()).chain(missed).collect())
     })
 }
 

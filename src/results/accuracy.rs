@@ -181,6 +181,17 @@ impl Accuracy {
         self.algorithm.into_iter().chain(self.asked).fold(0.0, f64::max)
     }
 
+    /// The algorithm's error over the tolerance; 0 if one is not known.
+    pub fn ratio_to_tolerance(&self) -> f64 {
+        self.algorithm.zip(self.asked).map_or(0.0, |(error, asked)| error / asked)
+    }
+
+    /// Whether the grid's error is above a tenth, or that of the algorithm above the tolerance or
+    /// not known.
+    pub fn is_large_for_its_goals(&self) -> bool {
+        self.is_coarse() || self.algorithm.is_none() || self.ratio_to_tolerance() > 1.0
+    }
+
     /// Whether the grid's error is above a tenth.
     pub fn is_coarse(&self) -> bool {
         is_large(self.worst())

@@ -80,7 +80,10 @@ impl OriginErrors {
             return Self::default();
         };
         let accuracy = &summary["accuracy"];
-        let grid_errors = ["grid", "grid_density"].map(|key| accuracy[key].as_f64());
+        // Those that are mostly the algorithm's say little about the grid.
+        let of_grid = accuracy["includes_algorithm"] != true;
+        let grid_errors =
+            ["grid", "grid_density"].map(|key| accuracy[key].as_f64().filter(|_| of_grid));
         if summary["continued"].is_object() {
             return Self { error: summary["continued"]["error_total"].as_f64(), grid_errors };
         }

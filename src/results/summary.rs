@@ -89,7 +89,7 @@ const LARGE_PART: f64 = 0.5;
 const LARGEST_EXACT_ERROR: f64 = 0.25;
 /// An estimate that is not reliable counts as missed from this ratio to the tolerance on: more than
 /// such estimates are off (docs/verification.md).
-const FAR_ABOVE: f64 = 10.0;
+pub const FAR_ABOVE: f64 = 10.0;
 
 impl MissedGoals {
     /// The goals that the run of `case` misses, by the errors of its summary.
@@ -148,27 +148,34 @@ impl MissedGoals {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// The tolerance or the accuracy is missed, or the latter is not shown.
+    /// The tolerance or the accuracy is missed, or the latter is not shown; or the error of a
+    /// continued run since time 0 is far above the tolerance.
     Missed,
     /// An edge of `V` is not along the axes, and the errors leave out what that adds.
     Staircase,
     /// The grid's error is large, or far larger than the algorithm's.
     UnderResolved,
-    /// The grid's error is not known, or hidden by that of the algorithm.
+    /// An error is not known, that of the grid is hidden by that of the algorithm, or a bound on
+    /// that of a continued run is above the tolerance.
     Unknown,
     /// None of these.
     Resolved,
 }
 
 impl Verdict {
-    fn of(missed: &MissedGoals, accuracy: &Accuracy) -> Self {
-        if missed.line().is_some() {
+    fn of(missed: &MissedGoals, accuracy: &Accuracy, continued: Option<&ContinuedResult>) -> Self {
+        let ratio = accuracy.ratio_to_tolerance();
+        let hidden = accuracy.includes_algorithm && accuracy.is_large_for_its_goals();
+        let unknown_before = continued.is_some_and(|before| {
+            before.leaves_grid_unknown(accuracy) || before.error_total.is_none()
+        });
+        if missed.line().is_some() || ratio > FAR_ABOVE {
             Self::Missed
         } else if accuracy.staircase {
             Self::Staircase
         } else if accuracy.under_resolved {
             Self::UnderResolved
-        } else if accuracy.unknown.is_some() || accuracy.includes_algorithm {
+        } else if accuracy.unknown.is_some() || hidden || unknown_before || ratio > 1.0 {
             Self::Unknown
         } else {
             Self::Resolved
@@ -199,6 +206,11 @@ pub struct ContinuedResult {
 }
 
 impl ContinuedResult {
+    /// Whether the grid's error of the run is unknown, as that of the first part is.
+    pub fn leaves_grid_unknown(&self, accuracy: &Accuracy) -> bool {
+        self.grid == GridErrorPair::default() && !accuracy.grid_measured
+    }
+
     /// The errors of the earlier parts as text, for the closing line.
     pub fn line(&self) -> String {
         let of_algorithm = self.line_of_the_algorithm();
@@ -428,7 +440,8 @@ impl Summary {
     pub fn judge(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
         self.set_accuracy(case, estimated);
         self.set_advice(case);
-        self.verdict = Some(Verdict::of(&self.missed, &self.accuracy));
+        let continued = self.continued.as_ref();
+        self.verdict = Some(Verdict::of(&self.missed, &self.accuracy, continued));
     }
 
     /// Sets the errors, and the goals that are missed.
@@ -442,10 +455,15 @@ impl Summary {
             None => own,
         };
         let planned = |asked: f64| format!("not estimated (planned within {asked:e})");
+        let inherited = self.continued.as_ref().map(|continued| continued.error_inherited);
         let algorithm_unknown = match (algorithm, own, &self.continued) {
             (Some(_), ..) => None,
-            (None, Some(own), Some(continued)) => {
-                Some(format!("not known before t = {}, {own:.1e} since then", continued.time))
+            (None, own, Some(continued)) => {
+                let before = inherited.flatten().map(|error| format!("at most {error:.1e}"));
+                let before = before.unwrap_or_else(|| "not known".to_owned());
+                let since = own.map(|own| format!("{own:.1e}")).or(asked.map(planned));
+                let since = since.map_or(String::new(), |since| format!(", {since} since then"));
+                Some(format!("{before} from before t = {}{since}", continued.time))
             }
             _ => asked.map(planned),
         };
@@ -466,8 +484,10 @@ impl Summary {
         let rough = self.error_estimate.filter(|_| self.missed.tolerance.is_some());
         let accuracy = &mut self.accuracy;
         let measured = accuracy.grid.or(accuracy.grid_density).filter(|_| accuracy.grid_measured);
+        let known = [accuracy.algorithm, own, rough, inherited.flatten()];
+        let of_algorithm = known.into_iter().flatten().reduce(f64::max);
         accuracy.includes_algorithm =
-            own.or(rough).zip(measured).is_some_and(|(own, all)| own > LARGE_PART * all);
+            of_algorithm.zip(measured).is_some_and(|(part, all)| part > LARGE_PART * all);
     }
 
     /// Sets what would help, and what is not known.
@@ -479,12 +499,18 @@ impl Summary {
             accuracy.under_resolved = error > goal;
         }
         if accuracy.includes_algorithm {
-            accuracy.under_resolved = false;
-            let knob = match self.step_error {
-                Some(_) => "a shorter solver.propagator.step",
-                None => "a smaller solver.tolerance",
+            // The line about a missed tolerance says it all.
+            accuracy.under_resolved = accuracy.is_coarse() && self.missed.tolerance.is_none();
+            let knob = match (case.method, self.step_error, &self.continued) {
+                (Method::Classical, ..) => "a smaller solver.classical.cfl",
+                (_, Some(_), _) => "a shorter solver.propagator.step",
+                (_, None, Some(_)) => "a smaller solver.tolerance, also of the first part,",
+                (_, None, None) => "a smaller solver.tolerance",
             };
-            accuracy.advice = Some(format!("most of it is the algorithm's: {knob} lowers it"));
+            if accuracy.is_large_for_its_goals() {
+                let advice = format!("most of it is the algorithm's: {knob} lowers it");
+                accuracy.advice = Some(advice);
+            }
         } else if accuracy.staircase {
             let more = accuracy.under_resolved.then(|| accuracy.remedy(case));
             let more = more.map_or(String::new(), |advice| format!("; for the rest, {advice}"));
@@ -635,6 +661,39 @@ mod tests {
         assert!(parse(&text.replacen("decay_bound\": 1e", "decay_bound\": 2e", 1)).is_none());
         assert!(parse(&text.replacen("\"mass\": 0.3", "\"mass\": 0.2", 1)).is_none());
         assert!(parse("{}").is_some() && parse("[]").is_none());
+    }
+
+    #[test]
+    fn a_verdict_is_the_first_that_applies() {
+        let missed = MissedGoals { tolerance: Some("MISSED".to_owned()), accuracy: None };
+        let good = Accuracy { asked: Some(1e-6), algorithm: Some(1e-7), ..Accuracy::default() };
+        let good = good.with_grid([Some(1e-7), None], [None; 2]);
+        let error = |algorithm: f64| Accuracy { algorithm: Some(algorithm), ..good.clone() };
+        let hidden = Accuracy { includes_algorithm: true, ..error(2e-6) };
+        for (accuracy, expected) in [
+            (good.clone(), Verdict::Resolved),
+            (Accuracy { includes_algorithm: true, ..good.clone() }, Verdict::Resolved),
+            (hidden, Verdict::Unknown),
+            (error(2e-6), Verdict::Unknown),
+            (error(2e-5), Verdict::Missed),
+            (Accuracy { unknown: Some("why".to_owned()), ..good.clone() }, Verdict::Unknown),
+            (Accuracy { under_resolved: true, ..good.clone() }, Verdict::UnderResolved),
+            (Accuracy { staircase: true, ..good.clone() }, Verdict::Staircase),
+        ] {
+            assert_eq!(Verdict::of(&MissedGoals::default(), &accuracy, None), expected);
+            assert_eq!(Verdict::of(&missed, &accuracy, None), Verdict::Missed);
+        }
+        let before = ContinuedResult {
+            file: String::new(),
+            checksum: String::new(),
+            time: 0.5,
+            error: None,
+            error_inherited: None,
+            error_total: None,
+            grid: GridErrorPair::default(),
+        };
+        let verdict = Verdict::of(&MissedGoals::default(), &good, Some(&before));
+        assert_eq!(verdict, Verdict::Unknown);
     }
 
     /// A goal without an exact solution is missed if particles show a larger error of the density,

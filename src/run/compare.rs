@@ -259,7 +259,8 @@ pub(crate) fn continued(
         error: origin.error,
         error_inherited,
         error_total: error_inherited.zip(own).map(|(inherited, own)| inherited + own),
-        grid: GridErrorPair { field: field.map(|error| error * ratio), density },
+        // What leaves takes its error along.
+        grid: GridErrorPair { field: field.map(|error| error * ratio.min(1.0)), density },
     })
 }
 

@@ -127,7 +127,9 @@ impl ResultOnShare<'_> {
         let sizes: Vec<f64> = moments.density.iter().map(|rho| rho.abs()).collect();
         let [error, size] =
             [&exact.density_errors, &sizes].map(|terms| volumes.integral(world, terms));
-        summary.exact_density_error = Some(error / size).filter(|error| error.is_finite());
+        // A density that cancels has no relative error.
+        let relative = Some(error / size).filter(|error| error.is_finite());
+        summary.exact_density_error = summary.error_density_l1_relative.and(relative);
         Ok(())
     }
 

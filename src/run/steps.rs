@@ -7,6 +7,7 @@ use crate::parallel::communicator::{Group, World};
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Data};
+use crate::results::accuracy::is_large;
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
@@ -257,12 +258,15 @@ impl<'a> Driver<'a> {
         let Some(arrivals) = arrivals.gathered(world) else { return };
         self.summary.accuracy.particles = arrivals.errors(world, result);
         let ComparedResult { case, .. } = result;
-        // In one dimension, the exact density of degree 0 is an average over each cell.
-        let has_averages = matches!(case.data, Data::Density)
-            && case.space.dimension() == 1
-            && case.space.whole_degree() == 0;
-        let exact = exact.moments.last().filter(|_| has_averages);
-        let shown = exact.and_then(|exact| arrivals.error_of(world, result, &exact.density));
+        let exact = exact.moments.last().filter(|_| matches!(case.data, Data::Density));
+        // In one dimension, the exact density of degree 0 is an average over each cell. Other sums
+        // over its values are its mass up to the error of a rule on the grid.
+        let shown = match (case.space.dimension(), case.space.whole_degree()) {
+            (1, 0) => exact.and_then(|exact| arrivals.error_of(world, result, &exact.density)),
+            _ => exact
+                .and_then(|exact| arrivals.mass_error(world, result, &exact.density))
+                .filter(|error| is_large(*error)),
+        };
         let shown = shown.filter(|error| *error > 0.0);
         let known = self.summary.exact_density_error;
         self.summary.exact_density_error = known.into_iter().chain(shown).reduce(f64::max);

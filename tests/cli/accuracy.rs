@@ -315,6 +315,28 @@ fn advice_matches_the_shortcomings_of_the_run() {
     assert!(accuracy(&summary.value, "grid").unwrap() > 0.1);
 }
 
+/// A packet in a well that is a tenth of its box.
+const HIDDEN: &str = r#"
+[[axis]]
+x = { lower = -10, upper = 10, cells = 200 }
+v = { lower = -1.2, upper = 1.2, cells = 40 }
+[[potential]]
+where = "abs(x - 0.05) < 0.75"
+value = "0"
+[[potential]]
+value = "1"
+[initial]
+f = "max(0, 1 - 20*((x-0.05)^2 + (v-0.5)^2))^2"
+[scheme]
+degree = 2
+[time]
+end = 60
+[solver]
+method = "classical"
+[exact]
+kind = "characteristics"
+"#;
+
 /// Free streaming on a periodic axis until the grid's velocities have all come back.
 const RECURRENCE: &str = r#"
 [[axis]]
@@ -443,12 +465,72 @@ fn a_continued_run_has_the_errors_of_its_first_part() {
         Job::new(["run", &file]).set(&settings).set(&[&field, "solver.verify=true"]).set(&times);
     let finished = job.into(&third).succeed().unwrap();
     let after = json_of(third.join("summary.json")).unwrap();
-    let words = ["not known before t = 20.1", "error of the grid before t = 20.1"];
+    let words = ["not known from before t = 20.1", "error of the grid before t = 20.1"];
     finished.contains(&finished.output, &words).unwrap();
     assert!(after["accuracy"]["algorithm"].is_null(), "{}", after["accuracy"]);
     on_results("report", &third).succeed().unwrap();
     let report = text_of(third.join("report.html")).unwrap();
     assert!(report.contains("Not all errors of this result are known"));
+    assert_ne!(after["verdict"], "resolved");
+}
+
+/// A first part that misses its tolerance by far puts the second in doubt, and its error is not the
+/// grid's there either.
+#[test]
+fn a_missed_tolerance_is_inherited() {
+    let place = directory();
+    let [first, second] = ["first", "second"].map(|name| place.path().join(name));
+    let coarse = "solver.propagator={method='backward-euler',step=0.02}";
+    let job = run("smooth-beams.toml").set(&[coarse, "solver.verify=true", "time.end=0.3"]);
+    job.into(&first).succeed().unwrap();
+    let directory = first.display().to_string();
+    let job = Job::new(["run", "--continue", &directory, "--until", "0.4"]).into(&second);
+    let finished = job.set(&["solver.propagator={method='chebyshev'}"]).succeed().unwrap();
+    finished.contains(&finished.output, &["of the grid and of the algorithm together"]).unwrap();
+    let summary = json_of(second.join("summary.json")).unwrap();
+    assert_eq!(summary["verdict"], "missed", "{}", summary["accuracy"]);
+    assert!(summary["missed"]["tolerance"].is_null(), "its own part keeps the tolerance");
+    on_results("report", &second).succeed().unwrap();
+    assert!(text_of(second.join("report.html")).unwrap().contains("Do not trust this result"));
+}
+
+/// A classical run has no tolerance that it misses: it is under-resolved if its steps are too long.
+#[test]
+fn long_classical_steps_are_not_the_grids_error() {
+    let place = directory();
+    let integrator = "solver.classical.integrator=forward-euler";
+    let job = run("smooth-beams.toml").set(&[CLASSICAL, integrator, "solver.verify=true"]);
+    let finished = job.into(place.path()).succeed().unwrap();
+    let words = ["UNDER-RESOLVED: error of the grid and of the algorithm", "solver.classical.cfl"];
+    finished.contains(&finished.output, &words).unwrap();
+}
+
+/// In a well of a wide box, where particles bounce many times, the exact density is in filaments.
+/// Its mass is that of the data, as closely as its own error says. A density that cancels has no
+/// relative error.
+#[test]
+fn exact_densities_see_filaments() {
+    let place = directory();
+    let file = written(place.path(), HIDDEN).unwrap();
+    let of = |settings: &[&str]| {
+        let results = place.path().join("results");
+        let job = Job::new(["run", &file, "--force"]).set(settings).into(&results).on(2);
+        job.succeed().unwrap();
+        json_of(results.join("summary.json")).unwrap()
+    };
+    let long = ["time.end=600", "scheme.degree=1"];
+    for settings in [&["time.end=60"][..], &["time.end=60", "scheme.degree=0"], &long] {
+        let summary = of(settings);
+        let [exact, error] =
+            ["mass_exact", "exact_density_error"].map(|key| summary[key].as_f64().unwrap());
+        let off = (exact / summary["ledger"]["mass"]["formula"].as_f64().unwrap() - 1.0).abs();
+        assert!(off < 2.0 * error + 1e-3, "{settings:?}: {off} off, {error} expected");
+    }
+    let odd = ["potential=[{value='0'}]", "initial.f='v*exp(-5*v^2)'", "time.end=0.8"];
+    let summary = of(&odd);
+    for key in ["error_density_l1_relative", "exact_density_error"] {
+        assert!(summary[key].is_null(), "{key}: {}", summary[key]);
+    }
 }
 
 /// Particles of the exact flow show large errors that no estimate sees: the last line is

@@ -4,7 +4,7 @@ use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, percent, sentence, short};
 use crate::results::accuracy::Accuracy;
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
-use crate::results::summary::MissedGoals;
+use crate::results::summary::{ContinuedResult, FAR_ABOVE, MissedGoals};
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
@@ -37,12 +37,13 @@ pub fn trust(summary: &Value, classical: bool) -> Markup {
     let ledger = ledger_of(summary);
     // Results of older versions have no such key.
     let missed = MissedGoals::deserialize(&summary["missed"]).ok();
+    let continued = ContinuedResult::deserialize(&summary["continued"]).ok();
     let findings = [
         match classical {
             true => steps(summary),
             false => algorithm(summary, accuracy.as_ref(), missed.as_ref()),
         },
-        grid(accuracy.as_ref(), missed.as_ref()),
+        grid(accuracy.as_ref(), missed.as_ref(), continued.as_ref()),
         conservation(ledger.as_ref()),
     ];
     let marks = findings.each_ref().map(|finding| finding.mark);
@@ -141,7 +142,12 @@ fn algorithm(
             text: format!("{known}; solver.verify measures it"),
         };
     };
-    let mark = missed.map_or(Mark::Unknown, |_| Mark::Good);
+    // That of a continued run is a bound since time 0.
+    let mark = match accuracy.map_or(0.0, Accuracy::ratio_to_tolerance) {
+        ratio if ratio > FAR_ABOVE => Mark::Bad,
+        ratio if ratio > 1.0 || missed.is_none() => Mark::Unknown,
+        _ => Mark::Good,
+    };
     let asked = summary["tolerance"].as_f64();
     let asked = asked.map_or(String::new(), |asked| format!("; the tolerance is {}", short(asked)));
     let inherited = summary["continued"]["error_inherited"].as_f64();
@@ -153,7 +159,11 @@ fn algorithm(
 }
 
 /// The finding on the distance between the solutions of the scheme's equations and of the problem.
-fn grid(accuracy: Option<&Accuracy>, missed: Option<&MissedGoals>) -> Finding {
+fn grid(
+    accuracy: Option<&Accuracy>,
+    missed: Option<&MissedGoals>,
+    continued: Option<&ContinuedResult>,
+) -> Finding {
     let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
     let Some((accuracy, errors)) = known else {
         let why = accuracy.and_then(|accuracy| accuracy.unknown.clone());
@@ -193,8 +203,13 @@ fn grid(accuracy: Option<&Accuracy>, missed: Option<&MissedGoals>) -> Finding {
                 }
             }
         }
-        (None, None) if accuracy.includes_algorithm => Mark::Unknown,
+        (None, None) if accuracy.includes_algorithm && accuracy.is_large_for_its_goals() => {
+            Mark::Unknown
+        }
         (None, None) if accuracy.is_coarse() => Mark::Bad,
+        (None, None) if continued.is_some_and(|before| before.leaves_grid_unknown(accuracy)) => {
+            Mark::Unknown
+        }
         (None, None) if accuracy.staircase => Mark::Unknown,
         (None, None) => Mark::Good,
     };
@@ -292,22 +307,27 @@ mod tests {
             let accuracy = Accuracy { goal, goal_error, goal_estimate, ..Accuracy::default() };
             let accuracy = accuracy.with_grid([Some(error), None], [None; 2]);
             let missed = MissedGoals { accuracy: sentence.map(str::to_owned), tolerance: None };
-            let found = grid(Some(&accuracy), Some(&missed));
+            let found = grid(Some(&accuracy), Some(&missed), None);
             assert_eq!(found.mark, mark, "{}", found.text);
             assert!(found.text.contains(words), "{}", found.text);
         }
     }
 
-    /// A continued run is judged by its own error; the inherited error is shown.
+    /// The error of a continued run is that since time 0; the inherited part is shown.
     #[test]
-    fn inherited_errors_are_reported_and_are_no_miss() {
-        let accuracy = Accuracy { algorithm: Some(3e-3), grid: Some(0.02), ..Accuracy::default() };
+    fn inherited_errors_are_reported() {
+        let accuracy = Accuracy {
+            algorithm: Some(3e-3),
+            asked: Some(1e-6),
+            grid: Some(0.02),
+            ..Accuracy::default()
+        };
         let summary = json!({
             "tolerance": 1e-6, "accuracy": accuracy, "missed": MissedGoals::default(),
             "continued": { "error_inherited": 2e-3 },
         });
         let found = algorithm(&summary, Some(&accuracy), Some(&MissedGoals::default()));
-        assert_eq!(found.mark, Mark::Good);
+        assert_eq!(found.mark, Mark::Bad);
         assert!(found.text.contains("0.002 of it inherited"), "{}", found.text);
     }
 }

@@ -16,7 +16,7 @@
 //! whole. A jump between two points makes the rules differ, wherever it lies.
 //!
 //! A filament between two points of the first panels is not seen. So in one dimension, integrals
-//! that begin with more panels are compared at some places. They take over until both agree, or the
+//! that begin with more panels are compared at the densest of some places. They take over until both agree, or the
 //! points are too many. Likewise, averages over some cells are compared with those over parts of
 //! these cells. If they differ, filaments are looked for within every cell. What differs at last is
 //! part of the error. All this is done for the end of a run only, where errors are measured.
@@ -121,6 +121,8 @@ const TRIAL_POINTS: usize = 10;
 const FINER: usize = 4;
 /// Largest difference between them, relative to the density (L1), if the points allow it.
 const UNSEEN: f64 = 1e-4;
+/// All integrals together may begin with so many times the points that they may take otherwise.
+const MORE_POINTS: usize = 4;
 /// Number of places at which they are compared; averages over cells at half as many.
 const COMPARED: usize = 8;
 /// Places in a cell of degree 0, on `[−1, 1]`, at which a filament is looked for.
@@ -128,25 +130,58 @@ const WITHIN: [f64; 3] = [-0.8, 0.0, 0.8];
 /// Panels are halved together if their errors are at least this part of the largest.
 const NEAR_LARGEST: f64 = 0.25;
 
-/// `density` at all `places`, of which each rank computes a part. Collective.
-fn densities(
+/// `value` at all `places`, of which each rank computes a part. Collective.
+fn at_all(
     world: &Group,
     places: &[[f64; MAX_DIMENSION]],
-    density: impl Fn(&[f64; MAX_DIMENSION]) -> f64,
+    value: impl Fn(&[f64; MAX_DIMENSION]) -> f64,
 ) -> Vec<f64> {
     let mut found = vec![0.0; places.len()];
     for k in split(&(0..places.len()), world.size(), world.rank()) {
-        found[k] = density(&places[k]);
+        found[k] = value(&places[k]);
     }
     world.gathered(found)
 }
 
-/// `Σ |found − expected| / Σ |expected|`; 0 if a density is zero or undefined, which is found where
-/// it is needed.
-fn relative_difference(found: &[f64], expected: &[f64]) -> f64 {
-    let difference: f64 = found.iter().zip(expected).map(|(a, b)| (a - b).abs()).sum();
-    let size: f64 = expected.iter().map(|density| density.abs()).sum();
-    Some(difference / size).filter(|part| part.is_finite()).map_or(0.0, |part| part.min(1.0))
+/// Places at which densities by different integrals are compared: the densest of some.
+struct ComparedPlaces {
+    positions: Vec<[f64; MAX_DIMENSION]>,
+    /// `∫ |f| dv` there.
+    sizes: Vec<f64>,
+}
+
+impl ComparedPlaces {
+    /// The densest of `positions`, where `∫ |f| dv` is `sizes`.
+    fn of(positions: &[[f64; MAX_DIMENSION]], sizes: &[f64]) -> Self {
+        let mut chosen: Vec<usize> = (0..sizes.len()).filter(|k| sizes[*k] > 0.0).collect();
+        chosen.sort_by(|a, b| sizes[*b].total_cmp(&sizes[*a]));
+        chosen.truncate(COMPARED);
+        Self {
+            positions: chosen.iter().map(|k| positions[*k]).collect(),
+            sizes: chosen.iter().map(|k| sizes[*k]).collect(),
+        }
+    }
+
+    /// Every second of these places.
+    fn halved(&self) -> Self {
+        Self {
+            positions: self.positions.iter().copied().step_by(2).collect(),
+            sizes: self.sizes.iter().copied().step_by(2).collect(),
+        }
+    }
+
+    /// `Σ |found − expected| / Σ ∫ |f| dv` over the places where both densities are defined.
+    fn difference(&self, found: &[f64], expected: &[f64]) -> f64 {
+        let (mut difference, mut size) = (0.0, 0.0);
+        for (k, (found, expected)) in found.iter().zip(expected).enumerate() {
+            let here = (found - expected).abs();
+            if here.is_finite() {
+                difference += here;
+                size += self.sizes[k];
+            }
+        }
+        if size > 0.0 { (difference / size).min(1.0) } else { 0.0 }
+    }
 }
 
 /// An integral over the velocities at a position.
@@ -325,9 +360,13 @@ impl<'a> VelocityIntegrals<'a> {
             within_cells: false,
             grid_rule: None,
         };
-        integrals.tolerance = effort.tolerance * integrals.largest(world, effort.positions);
+        let places = integrals.places(effort.positions);
+        let sizes = at_all(world, &places, |position| {
+            integrals.first_panels(position).iter().map(|panel| integrals.size(panel)).sum()
+        });
+        integrals.tolerance = effort.tolerance * sizes.iter().copied().fold(0.0, f64::max);
         if n == 1 && time == case.end {
-            integrals.see_filaments(world, positions);
+            integrals.see_filaments(world, positions, &ComparedPlaces::of(&places, &sizes));
         }
         if case.potential.len() == 1 && effort.trials > 0 {
             integrals.grid_rule = integrals.accepted_grid_rule(world, effort.trials);
@@ -337,10 +376,9 @@ impl<'a> VelocityIntegrals<'a> {
 
     /// Begins with more panels until that changes the densities at some places little, or all
     /// `positions` would take too many points; then the same for averages over cells. Collective.
-    fn see_filaments(&mut self, world: &Group, positions: usize) {
-        let places = self.places(COMPARED);
+    fn see_filaments(&mut self, world: &Group, positions: usize, compared: &ComparedPlaces) {
         let at_places =
-            |of: &Self| densities(world, &places, |place| of.by_panels(place).moments[0]);
+            |of: &Self| at_all(world, &compared.positions, |place| of.by_panels(place).moments[0]);
         let mut found = at_places(self);
         let unseen = loop {
             let panels: Vec<usize> = self.panels.iter().map(|panels| FINER * panels).collect();
@@ -348,38 +386,39 @@ impl<'a> VelocityIntegrals<'a> {
             let (most, weights) = (self.most.max(2 * points), self.weights.clone());
             let finer = Self { panels, most, weights, grid_rule: None, ..*self };
             let expected = at_places(&finer);
-            let unseen = relative_difference(&found, &expected);
-            let fits = points.saturating_mul(positions) <= allowance(self.space);
+            let unseen = compared.difference(&found, &expected);
+            let fits = points.saturating_mul(positions) <= MORE_POINTS * allowance(self.space);
             if unseen <= UNSEEN || !fits {
                 break unseen;
             }
             (*self, found) = (finer, expected);
         };
         self.unseen = match self.space.x[0].nodes.degree {
-            0 => unseen.max(self.unseen_within_cells(world, &places)),
+            0 => unseen.max(self.unseen_within_cells(world, &compared.halved())),
             _ => unseen,
         };
     }
 
-    /// The difference of averages over cells, and over parts of the same cells, at every second of
-    /// `places`. If it is large, filaments are looked for within cells from now on. Collective.
-    fn unseen_within_cells(&mut self, world: &Group, places: &[[f64; MAX_DIMENSION]]) -> f64 {
+    /// The difference of averages over cells, and over parts of the same cells. If it is large,
+    /// filaments are looked for within cells from now on. Collective.
+    fn unseen_within_cells(&mut self, world: &Group, compared: &ComparedPlaces) -> f64 {
         let axis = &self.space.x[0];
-        let places: Vec<_> = places.iter().copied().step_by(2).collect();
         let cell_of = |x: f64| (axis.position(x).floor().max(0.0) as usize).min(axis.cells - 1);
-        let expected = densities(world, &places, |[x, ..]| {
+        let expected = at_all(world, &compared.positions, |[x, ..]| {
             let cell = cell_of(*x) as i64;
             self.over_cell([axis.face(cell), axis.face(cell + 1)]).moments[0]
         });
         let averages = |of: &Self| {
-            densities(world, &places, |[x, ..]| of.on_line(&[[cell_of(*x), 0, 0]])[0].moments[0])
+            at_all(world, &compared.positions, |[x, ..]| {
+                of.on_line(&[[cell_of(*x), 0, 0]])[0].moments[0]
+            })
         };
-        let difference = relative_difference(&averages(self), &expected);
+        let difference = compared.difference(&averages(self), &expected);
         if difference <= UNSEEN {
             return difference;
         }
         self.within_cells = true;
-        relative_difference(&averages(self), &expected)
+        compared.difference(&averages(self), &expected)
     }
 
     /// The velocities of the grid, if the densities by them are within the tolerance. Collective.
@@ -427,14 +466,7 @@ impl<'a> VelocityIntegrals<'a> {
         Self::new(world, values_of, case, time, case.space.space_cells())
     }
 
-    /// The largest density at up to `most` centres of elements along each axis. Collective.
-    fn largest(&self, world: &Group, most: usize) -> f64 {
-        self.largest_of(world, most, |position| {
-            self.first_panels(position).iter().map(|panel| self.size(panel)).sum()
-        })
-    }
-
-    /// The largest `value` at these [`places`](Self::places). Collective.
+    /// The largest `value` at up to `most` [`places`](Self::places) along each axis. Collective.
     fn largest_of(
         &self,
         world: &Group,

@@ -122,6 +122,21 @@ impl GatheredArrivals {
         ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
     }
 
+    /// The error of the mass of a `density` on the share of `result`, relative to the mass that
+    /// arrives. Collective.
+    pub fn mass_error(
+        &self,
+        world: &Group,
+        result: &ComparedResult<'_>,
+        density: &[f64],
+    ) -> Option<f64> {
+        let volumes = CellVolumes::new(&result.case.space, result.share);
+        let difference = mass_difference(volumes.integral(world, density), &self.by_replicate);
+        let masses = self.by_replicate.iter().flatten().map(|arrival| arrival.mass.abs());
+        let size = masses.sum::<f64>() / self.by_replicate.len() as f64;
+        Some(difference / size).filter(|error| error.is_finite())
+    }
+
     /// The relative L1 error of a `density` on the share of `result`. Collective.
     pub fn error_of(
         &self,
@@ -255,6 +270,14 @@ fn products(
     found
 }
 
+/// The difference between a mass and that of all arrivals, beyond the scatter of the latter.
+fn mass_difference(mass: f64, all: &[Vec<ArrivedParticle>]) -> f64 {
+    let masses: Vec<f64> =
+        all.iter().map(|of| of.iter().map(|arrival| arrival.mass).sum()).collect();
+    let [expected, scatter] = mean(&masses);
+    ((mass - expected).abs() - STANDARD_ERRORS * scatter).max(0.0)
+}
+
 /// The relative L1 error of `density`, by the masses in parts of space and in all of it.
 /// Collective.
 fn density_error(
@@ -302,10 +325,7 @@ fn density_error(
         total += found;
     }
     // The whole mass is known better than its parts if little of it leaves.
-    let masses: Vec<f64> =
-        all.iter().map(|of| of.iter().map(|arrival| arrival.mass).sum()).collect();
-    let [expected, scatter] = mean(&masses);
-    shown = shown.max((total - expected).abs() - STANDARD_ERRORS * scatter);
+    shown = shown.max(mass_difference(total, all));
     Some(shown / size).filter(|error| error.is_finite())
 }
 

@@ -1,7 +1,7 @@
 //! Set-ups on the grids that were found, classical and by modes: plans, tolerances, trials, errors.
 
 use crate::base::error::Result;
-use crate::base::text::{bytes_text, one_digit, rounded_down, short};
+use crate::base::text::{bytes_text, rounded_down};
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
@@ -11,6 +11,7 @@ use crate::study::advise::grid_search::{
     DISCRETISATION, DensityError, Evidence, FOR_LEVELS, Goal, GridSearch, ReachedGrid,
     SchemeWithGrid, error_on,
 };
+use crate::study::advise::report::longer;
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::scheme_search::FOR_GRIDS;
@@ -35,8 +36,6 @@ const SMALLEST_TOLERANCE: f64 = 1e-12;
 const MOST_TOLERANCES: usize = 4;
 /// Grids of more elements of space than this are not searched for regions of `V` without a cell.
 const MOST_SEARCHED: usize = 1 << 17;
-/// Longest budget in seconds that is named to the user.
-const LONGEST_BUDGET: f64 = 1e5;
 /// Largest number of cells for which a plan is made.
 const MOST_CELLS: f64 = 1e11;
 /// Bytes a cell of runs by modes and of classical runs, for grids without a plan.
@@ -54,8 +53,12 @@ struct ToleranceTrial {
 impl Study<'_> {
     /// The report of the set-up `target` on the grid `reached`, without its cost.
     fn entry(&mut self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
-        let wanted_budget = self.wanted_budget(scheme, reached);
-        let refused = vanished_region(target)
+        let vanished = vanished_region(target);
+        let wanted_budget = match vanished {
+            None => self.wanted_budget(scheme, reached),
+            Some(_) => None,
+        };
+        let refused = vanished
             .or_else(|| wanted_budget.map(not_compared))
             .or_else(|| self.why_missed(reached));
         let settings = settings(self.case, self.trials.base(), target);
@@ -410,11 +413,7 @@ impl Study<'_> {
 
 /// The reason why a set-up is refused of which a longer `budget` may hold two grids.
 fn not_compared(budget: f64) -> String {
-    let longer = match budget < LONGEST_BUDGET {
-        true => format!("a --budget of about {} s", short(one_digit(budget))),
-        false => "a longer --budget".to_owned(),
-    };
-    format!("the budget does not hold two grids to compare; {longer} may allow it")
+    format!("the budget does not hold two grids to compare; {} may allow it", longer(budget))
 }
 
 /// The reason why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids

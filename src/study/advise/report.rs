@@ -12,6 +12,8 @@ use crate::study::grids::shape_text;
 use crate::study::order::Order;
 use std::fmt;
 
+/// Longest budget in seconds that is named to the user.
+const LONGEST_BUDGET: f64 = 1e5;
 /// Largest number of unknowns of a grid whose shape is printed.
 pub const MOST_SHOWN: f64 = 1e15;
 
@@ -83,13 +85,20 @@ pub fn may_be_slow(best: &SetupReport, entries: &[SetupReport], budget: f64) -> 
     let wanted = entries.iter().filter_map(|entry| entry.wanted_budget);
     let (count, least) = (wanted.clone().count(), wanted.reduce(f64::min)?);
     Some(format!(
-        "{} takes about {}, longer than the budget, and {} not compared: with a --budget of about \
-         {} s quicker ones may be found",
+        "{} takes about {}, longer than the budget, and {} not compared: {} may find quicker ones",
         best.name,
         seconds_text(seconds),
         counted(count, "set-up was", "set-ups were"),
-        short(one_digit(least))
+        longer(least)
     ))
+}
+
+/// A `budget` in seconds in words.
+pub fn longer(budget: f64) -> String {
+    match budget < LONGEST_BUDGET {
+        true => format!("a --budget of about {} s", short(one_digit(budget))),
+        false => "a longer --budget".to_owned(),
+    }
 }
 
 fn evidence(known: Evidence) -> &'static str {

@@ -235,6 +235,21 @@ impl AdviceReport {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::advise::report::may_be_slow;
+
+    /// A set-up that takes longer than the budget is named, if others were not compared.
+    #[test]
+    fn a_slow_set_up_may_not_be_the_quickest() {
+        let best = SetupReport { seconds: Some(100.0), ..entry(1.0, true) };
+        let other = SetupReport { wanted_budget: Some(120.0), ..entry(1.0, true) };
+        let far = SetupReport { wanted_budget: Some(f64::INFINITY), ..entry(1.0, true) };
+        assert_eq!(may_be_slow(&best, &[entry(1.0, true)], 60.0), None);
+        assert_eq!(may_be_slow(&best, std::slice::from_ref(&other), 200.0), None);
+        let words = may_be_slow(&best, &[far.clone(), other], 60.0).expect("a warning");
+        assert!(words.contains("2 set-ups were") && words.contains("of about 100 s"), "{words}");
+        let words = may_be_slow(&best, &[far], 60.0).expect("a warning");
+        assert!(words.contains("a longer --budget"), "{words}");
+    }
 
     /// A set-up of `applications` applications, extrapolated by an order that is `settled` or not.
     fn entry(applications: f64, settled: bool) -> SetupReport {
