@@ -527,7 +527,7 @@ fn exact_densities_see_filaments() {
         assert!(off < 2.0 * error + 1e-3, "{settings:?}: {off} off, {error} expected");
     }
     let odd = ["potential=[{value='0'}]", "initial.f='v*exp(-5*v^2)'", "time.end=0.8"];
-    let summary = of(&odd);
+    let summary = of(&[&odd[..], &["axis.0.x.boundary=periodic"]].concat());
     for key in ["error_density_l1_relative", "exact_density_error"] {
         assert!(summary[key].is_null(), "{key}: {}", summary[key]);
     }
