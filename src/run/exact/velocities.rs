@@ -16,11 +16,11 @@
 //! whole. A jump between two points makes the rules differ, wherever it lies.
 //!
 //! A filament between two points of the first panels is not seen. So in one dimension, integrals
-//! that begin with more panels are compared at the densest of some places. They take over until both
-//! agree, or the points are too many. Likewise, averages over some cells are compared with those
-//! over parts of these cells. If they differ, filaments are looked for within every cell. What
-//! differs at last is part of the error. All this is done for the end of a run only, where errors
-//! are measured.
+//! that begin with more panels are compared at the densest of some places. They take over until
+//! both agree, or the points are too many. Likewise, averages over some cells are compared with
+//! those over parts of these cells. If they differ, filaments are looked for within every cell.
+//! What differs at last is part of the error. All this is done for the end of a run only, where
+//! errors are measured.
 //!
 //! Averages over a cell of degree 0 are means of integrals at Gauss points. In one dimension the
 //! integrals at the faces are compared with the line through those at the Gauss points. Where they
