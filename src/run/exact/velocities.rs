@@ -16,7 +16,7 @@
 //! whole. A jump between two points makes the rules differ, wherever it lies.
 //!
 //! A filament between two points of the first panels is not seen. So in one dimension, integrals
-//! that begin with more panels are compared at the densest of some places. They take over until
+//! that begin with more panels are compared at some places. They take over until
 //! both agree, or the points are too many. Likewise, averages over some cells are compared with
 //! those over parts of these cells. If they differ, filaments are looked for within every cell.
 //! What differs at last is part of the error. All this is done for the end of a run only, where
@@ -124,7 +124,7 @@ const FINER: usize = 4;
 const UNSEEN: f64 = 1e-4;
 /// All integrals together may begin with so many times the points that they may take otherwise.
 const MORE_POINTS: usize = 4;
-/// Number of places at which they are compared; averages over cells at half as many.
+/// Number of equidistant places at which they are compared, and twice that of the densest.
 const COMPARED: usize = 8;
 /// Places in a cell of degree 0, on `[−1, 1]`, at which a filament is looked for.
 const WITHIN: [f64; 3] = [-0.8, 0.0, 0.8];
@@ -144,44 +144,50 @@ fn at_all(
     world.gathered(found)
 }
 
-/// Places at which densities by different integrals are compared: the densest of some.
+/// Places at which densities by different integrals are compared: the densest of some, and some
+/// at equal distances, as filaments that are not seen may lie where nothing is seen.
 struct ComparedPlaces {
     positions: Vec<[f64; MAX_DIMENSION]>,
-    /// `∫ |f| dv` there.
-    sizes: Vec<f64>,
+    /// Number of places at equal distances, which are the first.
+    equidistant: usize,
+    /// Mean of `∫ |f| dv` over all places, and over the densest.
+    sizes: [f64; 2],
 }
 
 impl ComparedPlaces {
-    /// The densest of `positions`, where `∫ |f| dv` is `sizes`.
+    /// Some of `positions`, where `∫ |f| dv` is `sizes`.
     fn of(positions: &[[f64; MAX_DIMENSION]], sizes: &[f64]) -> Self {
-        let mut chosen: Vec<usize> = (0..sizes.len()).filter(|k| sizes[*k] > 0.0).collect();
-        chosen.sort_by(|a, b| sizes[*b].total_cmp(&sizes[*a]));
-        chosen.truncate(COMPARED);
-        Self {
-            positions: chosen.iter().map(|k| positions[*k]).collect(),
-            sizes: chosen.iter().map(|k| sizes[*k]).collect(),
-        }
+        let all = sizes.len();
+        let mut chosen: Vec<usize> = (0..all).step_by(all.div_ceil(COMPARED)).collect();
+        let equidistant = chosen.len();
+        let mut densest: Vec<usize> = (0..all).filter(|k| sizes[*k] > 0.0).collect();
+        densest.sort_by(|a, b| sizes[*b].total_cmp(&sizes[*a]));
+        densest.truncate(COMPARED / 2);
+        let mean = |of: &[usize]| -> f64 {
+            let known = of.iter().map(|k| sizes[*k]).filter(|size| size.is_finite());
+            known.sum::<f64>() / of.len().max(1) as f64
+        };
+        let means = [mean(&(0..all).collect::<Vec<_>>()), mean(&densest)];
+        chosen.extend(densest);
+        let positions = chosen.iter().map(|k| positions[*k]).collect();
+        Self { positions, equidistant, sizes: means }
     }
 
-    /// Every second of these places.
-    fn halved(&self) -> Self {
-        Self {
-            positions: self.positions.iter().copied().step_by(2).collect(),
-            sizes: self.sizes.iter().copied().step_by(2).collect(),
-        }
-    }
-
-    /// `Σ |found − expected| / Σ ∫ |f| dv` over the places where both densities are defined.
+    /// The mean of `|found − expected|` relative to that of `∫ |f| dv`, the larger one of both
+    /// kinds of places. Places where a density is not defined do not count.
     fn difference(&self, found: &[f64], expected: &[f64]) -> f64 {
-        let (mut difference, mut size) = (0.0, 0.0);
-        for (k, (found, expected)) in found.iter().zip(expected).enumerate() {
-            let here = (found - expected).abs();
-            if here.is_finite() {
-                difference += here;
-                size += self.sizes[k];
-            }
-        }
-        if size > 0.0 { (difference / size).min(1.0) } else { 0.0 }
+        let differences: Vec<f64> =
+            found.iter().zip(expected).map(|(found, expected)| (found - expected).abs()).collect();
+        let (equidistant, densest) = differences.split_at(self.equidistant);
+        let part = |(of, size): (&[f64], f64)| {
+            let sum: f64 = of.iter().filter(|difference| difference.is_finite()).sum();
+            let part = sum / of.len().max(1) as f64 / size;
+            if part.is_finite() { part.min(1.0) } else { 0.0 }
+        };
+        [(equidistant, self.sizes[0]), (densest, self.sizes[1])]
+            .map(part)
+            .into_iter()
+            .fold(0.0, f64::max)
     }
 }
 
@@ -395,7 +401,7 @@ impl<'a> VelocityIntegrals<'a> {
             (*self, found) = (finer, expected);
         };
         self.unseen = match self.space.x[0].nodes.degree {
-            0 => unseen.max(self.unseen_within_cells(world, &compared.halved())),
+            0 => unseen.max(self.unseen_within_cells(world, compared)),
             _ => unseen,
         };
     }
