@@ -98,7 +98,8 @@ pub struct Accuracy {
     pub grid_density_estimate: Option<f64>,
     /// Whether the grid's error is above a tenth, or more than ten times the larger of the
     /// algorithm's error and the tolerance. If `goal_error` is known, or else `goal_estimate`:
-    /// whether `solver.accuracy` is missed.
+    /// whether `solver.accuracy` is missed. If the measured errors are mostly the algorithm's:
+    /// whether they are above a tenth, and no tolerance is missed.
     pub under_resolved: bool,
     /// Whether the errors do not count what an edge of `V` that is not along the axes adds: the
     /// exact solution by characteristics meets the same staircase of faces as the scheme does, and
@@ -123,6 +124,7 @@ pub fn hides_staircase(case: &Case) -> bool {
 
 /// A larger relative error of the grid is large, whatever the algorithm's error.
 const LARGE_GRID_ERROR: f64 = 0.1;
+
 /// Whether a relative error of the grid is large.
 pub fn is_large(error: f64) -> bool {
     error > LARGE_GRID_ERROR

@@ -6,7 +6,7 @@ use crate::matrix::observables::{CellVolumes, Moments, Totals};
 use crate::parallel::communicator::{Group, World};
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
-use crate::problem::case::{Case, Data};
+use crate::problem::case::Case;
 use crate::results::accuracy::is_large;
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::ledger::Ledger;
@@ -257,19 +257,22 @@ impl<'a> Driver<'a> {
     ) {
         let Some(arrivals) = arrivals.gathered(world) else { return };
         self.summary.accuracy.particles = arrivals.errors(world, result);
-        let ComparedResult { case, .. } = result;
-        let exact = exact.moments.last().filter(|_| matches!(case.data, Data::Density));
-        // In one dimension, the exact density of degree 0 is an average over each cell. Other sums
-        // over its values are its mass up to the error of a rule on the grid.
-        let shown = match (case.space.dimension(), case.space.whole_degree()) {
-            (1, 0) => exact.and_then(|exact| arrivals.error_of(world, result, &exact.density)),
-            _ => exact
-                .and_then(|exact| arrivals.mass_error(world, result, &exact.density))
+        // Measure-valued data, and densities that cancel, have no such error.
+        let Some(known) = self.summary.exact_density_error else { return };
+        let space = &result.case.space;
+        let shown = match exact.moments.last() {
+            // In one dimension, the exact density of degree 0 is an average over each cell.
+            Some(moments) if space.dimension() == 1 && space.whole_degree() == 0 => {
+                arrivals.error_of(world, result, &moments.density)
+            }
+            // Other sums over its values are its mass up to the error of a rule on the grid.
+            _ => self
+                .summary
+                .mass_exact
+                .and_then(|mass| arrivals.mass_error(mass))
                 .filter(|error| is_large(*error)),
         };
-        let shown = shown.filter(|error| *error > 0.0);
-        let known = self.summary.exact_density_error;
-        self.summary.exact_density_error = known.into_iter().chain(shown).reduce(f64::max);
+        self.summary.exact_density_error = Some(shown.map_or(known, |shown| known.max(shown)));
     }
 
     /// Step 10: completes the summary. Collective.

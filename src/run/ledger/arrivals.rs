@@ -122,16 +122,10 @@ impl GatheredArrivals {
         ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
     }
 
-    /// The error of the mass of a `density` on the share of `result`, relative to the mass that
-    /// arrives. Collective.
-    pub fn mass_error(
-        &self,
-        world: &Group,
-        result: &ComparedResult<'_>,
-        density: &[f64],
-    ) -> Option<f64> {
-        let volumes = CellVolumes::new(&result.case.space, result.share);
-        let difference = mass_difference(volumes.integral(world, density), &self.by_replicate);
+    /// The difference between a `mass` and that of all arrivals, beyond the scatter of the latter
+    /// and relative to their size.
+    pub fn mass_error(&self, mass: f64) -> Option<f64> {
+        let difference = mass_difference(mass, &self.by_replicate);
         let masses = self.by_replicate.iter().flatten().map(|arrival| arrival.mass.abs());
         let size = masses.sum::<f64>() / self.by_replicate.len() as f64;
         Some(difference / size).filter(|error| error.is_finite())
