@@ -230,6 +230,8 @@ pub struct CellVolumes {
     mean_space: f64,
     /// Mean volume of a cell of phase space.
     mean: f64,
+    /// Number of space cells of all shares.
+    space_cells: usize,
 }
 
 /// Products of the relative widths of the cells `ranges` of `axes`, row-major.
@@ -250,6 +252,7 @@ impl CellVolumes {
             velocity: relative_volumes(&space.v, &velocities),
             mean_space: space.x.iter().map(|a| a.width() / a.nodes.count() as f64).product(),
             mean: space.cell_volume(),
+            space_cells: space.space_cells(),
         }
     }
 
@@ -264,34 +267,65 @@ impl CellVolumes {
         self.space[i / nv] * self.velocity[i % nv]
     }
 
+    /// Integrals over space of moments on the share. Collective over `world`.
+    pub fn integrals<const N: usize>(&self, world: &Group, moments: [&[f64]; N]) -> [f64; N] {
+        let terms = |(c, w): (usize, &f64)| moments.map(|moment| moment[c] * w);
+        let sums = world.sum_lanes(self.space_cells, self.space.iter().enumerate().map(terms));
+        sums.map(|sum| sum * self.mean_space)
+    }
+
     /// Integral over space of a moment on the share. Collective over `world`.
     pub fn integral(&self, world: &Group, moment: &[f64]) -> f64 {
-        let terms: Vec<f64> = moment.iter().zip(&self.space).map(|(m, w)| m * w).collect();
-        world.sum_terms(&terms) * self.mean_space
+        let [integral] = self.integrals(world, [moment]);
+        integral
+    }
+
+    /// Integrals of a moment over each of so many `parts` of space, of which `part` is that of each
+    /// space cell of the share. Collective over `world`.
+    pub fn integrals_by_part(
+        &self,
+        world: &Group,
+        moment: &[f64],
+        part: &[usize],
+        parts: usize,
+    ) -> Vec<f64> {
+        let terms = moment.iter().zip(&self.space).map(|(m, w)| m * w);
+        let sums = world.sum_by_part(self.space_cells, parts, part.iter().copied().zip(terms));
+        sums.into_iter().map(|sum| sum * self.mean_space).collect()
     }
 
     /// Mass and energies in all of space; `potential` is `V` on the share. Collective over `world`.
     pub fn totals(&self, world: &Group, moments: &Moments, potential: &[f64]) -> Totals {
         let weighted: Vec<f64> =
             moments.density.iter().zip(potential).map(|(rho, v)| rho * v).collect();
-        Totals {
-            mass: self.integral(world, &moments.density),
-            kinetic: self.integral(world, &moments.kinetic),
-            potential: self.integral(world, &weighted),
-        }
+        let [mass, kinetic, potential] =
+            self.integrals(world, [&moments.density, &moments.kinetic, &weighted]);
+        Totals { mass, kinetic, potential }
     }
 
-    /// `Σ |a_i|^power` over the cells of all shares, each weighted with its relative volume. The
+    /// Sums of `terms(i)` over the cells of all shares, each weighted with its relative volume. The
     /// sums over the velocities at each point of space are added exactly. Collective over `world`.
-    pub fn power_sum(&self, world: &Group, power: i32, term: impl Fn(usize) -> f64) -> f64 {
+    pub fn sums<const N: usize>(
+        &self,
+        world: &Group,
+        terms: impl Fn(usize) -> [f64; N],
+    ) -> [f64; N] {
         let nv = self.velocity.len();
-        let terms: Vec<f64> = (self.space.iter().enumerate())
-            .map(|(c, part)| {
-                let here = self.velocity.iter().enumerate();
-                let terms = here.map(|(v, w)| w * term(c * nv + v).abs().powi(power));
-                part * terms.sum::<f64>()
-            })
-            .collect();
-        world.sum_terms(&terms)
+        let at_point = |(c, part): (usize, &f64)| {
+            let mut sums = [0.0; N];
+            for (v, w) in self.velocity.iter().enumerate() {
+                let terms = terms(c * nv + v);
+                sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += w * term);
+            }
+            sums.map(|sum| part * sum)
+        };
+        let at_points: Vec<[f64; N]> = self.space.iter().enumerate().map(at_point).collect();
+        world.sum_lanes(self.space_cells, at_points.iter().copied())
+    }
+
+    /// The sum of one term, as [`sums`](Self::sums). Collective over `world`.
+    pub fn sum(&self, world: &Group, term: impl Fn(usize) -> f64) -> f64 {
+        let [sum] = self.sums(world, |i| [term(i)]);
+        sum
     }
 }

@@ -383,19 +383,46 @@ impl Group {
         let mut bounds = [0.0f64; N];
         for term in terms.clone() {
             for (bound, x) in bounds.iter_mut().zip(term) {
-                if x.is_nan() || x.abs() > *bound {
-                    *bound = if bound.is_nan() { *bound } else { x.abs() };
-                }
+                *bound = larger(*bound, x.abs());
             }
         }
         self.max_into(&mut bounds);
-        let fixed = bounds.map(|b| FixedPoint::new(if b.is_finite() { b } else { 0.0 }, count));
+        let fixed = bounds.map(|bound| FixedPoint::new(finite(bound), count));
         // Terms without a finite bound have no integers.
-        let finite = |term: [f64; N]| -> [f64; N] {
+        let known = |term: [f64; N]| -> [f64; N] {
             std::array::from_fn(|l| if bounds[l].is_finite() { term[l] } else { 0.0 })
         };
-        let sums = self.fixed_sums(fixed, terms.map(finite));
+        let sums = self.fixed_sums(fixed, terms.map(known));
         std::array::from_fn(|l| if bounds[l].is_finite() { sums[l] } else { f64::NAN })
+    }
+
+    /// Sums of terms by the part that each belongs to, of `parts` parts with at most `count` terms
+    /// in all. Their bounds are found first. NaN if a term of the part is not finite. Collective.
+    pub fn sum_by_part(
+        &self,
+        count: usize,
+        parts: usize,
+        terms: impl Iterator<Item = (usize, f64)> + Clone,
+    ) -> Vec<f64> {
+        let mut bounds = vec![0.0f64; parts];
+        for (part, x) in terms.clone() {
+            bounds[part] = larger(bounds[part], x.abs());
+        }
+        self.max_into(&mut bounds);
+        let fixed: Vec<FixedPoint> =
+            bounds.iter().map(|b| FixedPoint::new(finite(*b), count)).collect();
+        let mut totals = vec![[0i64; 2]; parts];
+        for (part, x) in terms.filter(|(part, _)| bounds[*part].is_finite()) {
+            let [coarse, fine] = fixed[part].split(x);
+            totals[part] = [totals[part][0] + coarse, totals[part][1] + fine];
+        }
+        self.sum_integers(totals.as_flattened_mut());
+        let sum = |((fixed, total), bound): ((&FixedPoint, [i64; 2]), f64)| match bound.is_finite()
+        {
+            true => fixed.join(total),
+            false => f64::NAN,
+        };
+        fixed.iter().zip(totals).zip(bounds).map(sum).collect()
     }
 
     /// Sum over the ranks of terms whose bound is not known beforehand: the largest is found first.
@@ -487,6 +514,16 @@ fn offsets(lengths: &[i32]) -> Vec<i32> {
         end - length
     };
     lengths.iter().map(&mut place).collect()
+}
+
+/// The larger one of two numbers, NaN if one is.
+fn larger(a: f64, b: f64) -> f64 {
+    if b.is_nan() || b > a { b } else { a }
+}
+
+/// A bound of which fixed-point numbers can be made: 0 in place of one that is not finite.
+fn finite(bound: f64) -> f64 {
+    if bound.is_finite() { bound } else { 0.0 }
 }
 
 /// Maps floats to integers in the same order, NaN above all.

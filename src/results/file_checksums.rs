@@ -22,21 +22,28 @@ pub fn of_files(world: &Group, directory: &Path, names: &[String]) -> Result<Fil
     // One rank decides which files exist, as ranks may see different states of the directory.
     let there: Vec<String> =
         world.of_first_rank(|| Ok(names.iter().filter(exists).cloned().collect()))?;
-    let checksum = |name: String| -> Result<(String, FileChecksum)> {
-        let found = of_file(world, &directory.join(&name))?;
-        Ok((name, found))
-    };
-    there.into_iter().map(checksum).collect()
+    of_existing(world, directory, there)
 }
 
-/// The checksum of a file, read by all ranks. Collective.
-fn of_file(world: &Group, path: &Path) -> Result<FileChecksum> {
-    let part = checksum::of_file(path, world.rank(), world.size());
-    let part = world.agree(part.map_err(|e| failure(path, &e)))?;
-    Ok(FileChecksum {
-        bytes: world.max_count(part.bytes as usize) as u64,
-        checksum: world.sum_modulo(part.checksum),
-    })
+/// Checksums of files, each read by all ranks. Collective.
+fn of_existing(world: &Group, directory: &Path, names: Vec<String>) -> Result<FileChecksums> {
+    let part = |name: &String| {
+        let path = directory.join(name);
+        checksum::of_file(&path, world.rank(), world.size()).map_err(|e| failure(&path, &e))
+    };
+    let parts: Vec<FileChecksum> = world.agree(names.iter().map(part).collect())?;
+    // The length is that which the first rank sees.
+    let numbers = |part: &FileChecksum| {
+        let bytes = if world.is_first() { part.bytes } else { 0 };
+        [part.checksum as i64, bytes as i64]
+    };
+    let mut sums: Vec<[i64; 2]> = parts.iter().map(numbers).collect();
+    world.sum_integers(sums.as_flattened_mut());
+    let found = |[checksum, bytes]: [i64; 2]| FileChecksum {
+        bytes: bytes as u64,
+        checksum: checksum as u64,
+    };
+    Ok(names.into_iter().zip(sums.into_iter().map(found)).collect())
 }
 
 /// Compares the files of `directory` with their checksums. Collective over `world`.
@@ -45,7 +52,8 @@ fn of_file(world: &Group, path: &Path) -> Result<FileChecksum> {
 /// [`Error::Output`], the same on all ranks, which names the first file that has changed.
 pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
     let expected = world.of_first_rank(|| of_all(directory))?;
-    compare(directory, &expected, |path| of_file(world, path))?;
+    let found = of_existing(world, directory, expected.keys().cloned().collect())?;
+    compare(directory, &expected, |name| Ok(found[name]))?;
     Ok(expected)
 }
 
@@ -54,7 +62,7 @@ pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
 /// # Errors
 /// As [`check`].
 pub fn check_alone(directory: &Path) -> Result<()> {
-    compare(directory, &of_all(directory)?, of_file_alone)
+    compare(directory, &of_all(directory)?, |name| of_file_alone(&directory.join(name)))
 }
 
 fn of_file_alone(path: &Path) -> Result<FileChecksum> {
@@ -64,14 +72,11 @@ fn of_file_alone(path: &Path) -> Result<FileChecksum> {
 fn compare(
     directory: &Path,
     all: &FileChecksums,
-    of_file: impl Fn(&Path) -> Result<FileChecksum>,
+    found: impl Fn(&str) -> Result<FileChecksum>,
 ) -> Result<()> {
-    let differs = |(name, expected): (&String, &FileChecksum)| {
-        let path = directory.join(name);
-        match of_file(&path)? == *expected {
-            true => Ok(()),
-            false => Err(changed(&path)),
-        }
+    let differs = |(name, expected): (&String, &FileChecksum)| match found(name)? == *expected {
+        true => Ok(()),
+        false => Err(changed(&directory.join(name))),
     };
     all.iter().try_for_each(differs)
 }

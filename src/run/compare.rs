@@ -51,15 +51,9 @@ impl<'a> FieldNorms<'a> {
         }
     }
 
-    /// `Σ |f − other|^power`, each cell weighted with its volume relative to the mean.
-    pub fn difference(&self, other: &[f64], power: i32) -> f64 {
-        let f = self.f;
-        self.volumes.power_sum(self.world, power, |i| f[i] - other[i])
-    }
-
     /// `Σ f²`, each cell weighted with its volume relative to the mean.
     pub fn square(&self, f: &[f64]) -> f64 {
-        self.volumes.power_sum(self.world, 2, |i| f[i])
+        self.volumes.sum(self.world, |i| f[i] * f[i])
     }
 
     /// l2 norm of the field, each cell weighted with its volume relative to the mean.
@@ -69,12 +63,16 @@ impl<'a> FieldNorms<'a> {
 
     /// l2 norm of `other`, relative to the field.
     pub fn relative(&self, other: &[f64]) -> f64 {
-        (self.square(other) / self.square(self.f)).sqrt()
+        let squares = |i: usize| [other[i], self.f[i]].map(|f| f * f);
+        let [square, of_field] = self.volumes.sums(self.world, squares);
+        (square / of_field).sqrt()
     }
 
     /// l2 distance to `other`, relative to `other`.
     pub fn distance(&self, other: &[f64]) -> f64 {
-        (self.difference(other, 2) / self.square(other)).sqrt()
+        let squares = |i: usize| [self.f[i] - other[i], other[i]].map(|f| f * f);
+        let [difference, square] = self.volumes.sums(self.world, squares);
+        (difference / square).sqrt()
     }
 
     /// The largest value of `of(f)`.
@@ -95,18 +93,17 @@ pub fn moment_errors(
     let difference = |a: &[f64], b: &[f64]| -> Vec<f64> {
         a.iter().zip(b).map(|(a, b)| (a - b).abs()).collect()
     };
-    let density = volumes.integral(world, &difference(&found.density, &exact.density));
+    let density = difference(&found.density, &exact.density);
     let present = |u: &f64| if u.is_nan() { 0.0 } else { *u };
-    let mut velocity = 0.0;
+    let mut velocity = vec![0.0; density.len()];
     for (u, exact) in found.velocity.iter().zip(&exact.velocity) {
         let distance = |(u, exact): (&f64, &f64)| {
             let known = !exact.is_nan();
             if known { (present(u) - exact).abs() } else { 0.0 }
         };
-        let terms: Vec<f64> = u.iter().zip(exact).map(distance).collect();
-        velocity += volumes.integral(world, &terms);
+        velocity.iter_mut().zip(u.iter().zip(exact).map(distance)).for_each(|(sum, x)| *sum += x);
     }
-    [density, velocity]
+    volumes.integrals(world, [&density, &velocity])
 }
 
 /// Refuses a solution with NaN or infinity in it. Collective.
@@ -165,17 +162,13 @@ fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
     let pi = &system.weights.pi[rank_cells.mine.clone()];
     let world = &communicator.world;
     let volumes = CellVolumes::new(&prepared.case.space, &rank_cells.share);
-    let norm = |term: &dyn Fn(usize) -> f64| volumes.power_sum(world, 2, term).sqrt();
     // With elements the weights are the volumes, which the norm already contains.
     let weight = |i: usize| if system.weights.are_volumes { 1.0 } else { pi[i].sqrt() };
     let start = &system.states[0];
     let [_, auxiliary] = system.norms_of_parts(communicator, start);
-    StateNorms {
-        start: system.norm(communicator, start, false),
-        weighted: norm(&|i| weight(i) * field[i]),
-        field: norm(&|i| field[i]),
-        auxiliary,
-    }
+    let squares = |i: usize| [weight(i) * field[i], field[i]].map(|f| f * f);
+    let [weighted, field] = volumes.sums(world, squares).map(f64::sqrt);
+    StateNorms { start: system.norm(communicator, start, false), weighted, field, auxiliary }
 }
 
 /// Puts the distance to the exact semi-discrete solution (`solver.verify`) into `summary`: the

@@ -13,13 +13,16 @@ use crate::problem::case::{Case, Exact};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::results::summary::{ErrorNorms, GridErrors};
 use crate::run::exact::solution::ExactValues;
-use crate::run::exact::velocities::{VelocityIntegrals, most_points};
+use crate::run::exact::velocities::VelocityIntegrals;
+use crate::run::exact::velocities::limits::most_points;
 use std::ops::Range;
 
 /// Additional points of an element along each axis, and the largest total number of points for
 /// which they are used.
 const MORE_POINTS: [(usize, f64); 3] = [(3, 2e7), (1, 1e8), (0, f64::INFINITY)];
 
+/// Number of [`norm_terms`].
+const NORMS: usize = 4;
 /// Numbers summed at a point of space: density, momenta.
 const SUMS: usize = 1 + MAX_DIMENSION;
 
@@ -28,14 +31,12 @@ type Pair<'a> = (&'a Vec<f64>, &'a Vec<f64>);
 
 /// Norms over space of the differences of `pairs`, summed over the pairs. Collective.
 pub fn over_space(world: &Group, volumes: &CellVolumes, pairs: &[Pair<'_>]) -> ErrorNorms {
-    let sum = |k: usize| -> f64 {
-        let of = |(a, b): &Pair<'_>| {
-            let terms: Vec<f64> = a.iter().zip(*b).map(|(a, b)| norm_terms(*a, *b)[k]).collect();
-            volumes.integral(world, &terms)
-        };
-        pairs.iter().map(of).sum()
-    };
-    ErrorNorms::of_sums(std::array::from_fn(sum))
+    let mut terms: [Vec<f64>; NORMS] = Default::default();
+    for (k, terms) in terms.iter_mut().enumerate() {
+        let at = |c: usize| pairs.iter().map(|(a, b)| norm_terms(a[c], b[c])[k]).sum::<f64>();
+        terms.extend((0..pairs[0].0.len()).map(at));
+    }
+    ErrorNorms::of_sums(volumes.integrals(world, terms.each_ref().map(Vec::as_slice)))
 }
 
 /// Errors of a field of degree 0 whose distance to the exact one is `field`, on the cells of
@@ -113,13 +114,13 @@ struct ElementSums<'a> {
     /// Sums over velocities at the points of that element.
     here: Vec<[f64; SUMS]>,
     /// Terms by element of space: norms of `f`, density, momentum.
-    terms: [[Vec<f64>; 4]; 3],
+    terms: Vec<[f64; 3 * NORMS]>,
     /// Norms of `f` on that element.
-    field: [f64; 4],
+    field: [f64; NORMS],
 }
 
 /// `|a − b|`, `(a − b)²`, `|b|`, `b²`.
-fn norm_terms(a: f64, b: f64) -> [f64; 4] {
+pub fn norm_terms(a: f64, b: f64) -> [f64; NORMS] {
     [(a - b).abs(), (a - b) * (a - b), b.abs(), b * b]
 }
 
@@ -155,8 +156,8 @@ impl<'a> ElementSums<'a> {
             counts,
             index: None,
             here: vec![[0.0; SUMS]; counts[0]],
-            terms: Default::default(),
-            field: [0.0; 4],
+            terms: Vec::with_capacity(elements),
+            field: [0.0; NORMS],
         }
     }
 
@@ -203,7 +204,7 @@ impl<'a> ElementSums<'a> {
         };
         let n = self.case.space.dimension();
         let places = self.case.space.points_in(&element, &self.points[..n]);
-        let mut sums = [[0.0; 4]; 2];
+        let mut sums = [[0.0; NORMS]; 2];
         let weights = products(&self.weights[..n]);
         for ((here, place), weight) in self.here.iter().zip(places).zip(weights) {
             let [x, y, z, ..] = place;
@@ -215,22 +216,21 @@ impl<'a> ElementSums<'a> {
                 }
             }
         }
+        let mut terms = [0.0; 3 * NORMS];
         let all = [std::mem::take(&mut self.field), sums[0], sums[1]];
-        for (terms, sums) in self.terms.iter_mut().zip(all) {
-            for (terms, sum) in terms.iter_mut().zip(sums) {
-                terms.push(sum);
-            }
-        }
+        terms.copy_from_slice(all.as_flattened());
+        self.terms.push(terms);
         self.here.fill([0.0; SUMS]);
     }
 
     /// The norms over all elements. Collective.
     fn finish(mut self, world: &Group) -> GridErrors {
         self.flush();
-        let norms = |terms: &[Vec<f64>; 4]| {
-            ErrorNorms::of_sums(terms.each_ref().map(|t| world.sum_terms(t)))
-        };
-        let [field, density, momentum] = self.terms.each_ref().map(norms);
+        let elements = world.sum_count(self.terms.len());
+        let sums = world.sum_lanes(elements, self.terms.iter().copied());
+        let norms =
+            |k: usize| ErrorNorms::of_sums(std::array::from_fn(|norm| sums[NORMS * k + norm]));
+        let [field, density, momentum] = [0, 1, 2].map(norms);
         GridErrors { field: Some(field), density, momentum: Some(momentum) }
     }
 }

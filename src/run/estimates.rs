@@ -84,7 +84,7 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
     let factors = VelocityFactors::new(space);
     let norms = |f: &[f64]| -> [f64; 2] {
         let squares: Vec<f64> = factors.at_points(f).map(|sums| sums[0] * sums[0]).collect();
-        let square = [volumes.power_sum(world, 2, |i| f[i]), volumes.integral(world, &squares)];
+        let square = [volumes.sum(world, |i| f[i] * f[i]), volumes.integral(world, &squares)];
         square.map(f64::sqrt)
     };
     let (mut added_term, mut error) = (vec![0.0; block.cells()], [0.0; 2]);
@@ -101,10 +101,9 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
             let is_known = [scheme.speed(cell, axis) != 0.0, found.is_some()];
             parts.iter_mut().zip(is_known).for_each(|(part, is)| part[i] = u8::from(is));
         });
-        let [moving, known] = parts.map(|part| {
-            let here = &part[rank_cells.mine.clone()];
-            volumes.power_sum(world, 2, |i| f64::from(here[i]) * f[i])
-        });
+        let here = parts.each_ref().map(|part| &part[rank_cells.mine.clone()]);
+        let [moving, known] =
+            volumes.sums(world, |i| here.map(|part| f64::from(part[i]) * f[i] * f[i]));
         if known < LEAST_KNOWN * moving {
             return Ok([f64::NAN; 2]);
         }
@@ -199,10 +198,9 @@ impl AxisLines<'_> {
 /// Squares of norms, by element.
 #[derive(Default)]
 struct CoefficientSquares {
-    /// Squares of the norm of all coefficients.
-    all: Vec<f64>,
-    /// Estimated squares of the norm of the coefficients beyond the highest.
-    beyond: Vec<f64>,
+    /// The square of the norm of all coefficients, and the estimated one of those beyond the
+    /// highest.
+    all_and_beyond: Vec<[f64; 2]>,
 }
 
 impl CoefficientSquares {
@@ -224,13 +222,14 @@ impl CoefficientSquares {
             all += square;
             along.iter_mut().zip(&place).for_each(|(sums, j)| sums[*j] += square);
         }
-        self.all.push(all);
-        self.beyond.push(along.iter().map(|sums| beyond(sums)).sum());
+        self.all_and_beyond.push([all, along.iter().map(|sums| beyond(sums)).sum()]);
     }
 
     /// The estimated relative error. Collective.
     fn error(&self, world: &Group) -> f64 {
-        COEFFICIENTS_FACTOR * (world.sum_terms(&self.beyond) / world.sum_terms(&self.all)).sqrt()
+        let elements = world.sum_count(self.all_and_beyond.len());
+        let [all, beyond] = world.sum_lanes(elements, self.all_and_beyond.iter().copied());
+        COEFFICIENTS_FACTOR * (beyond / all).sqrt()
     }
 }
 

@@ -118,15 +118,14 @@ impl ResultOnShare<'_> {
         let errors = match (&case.exact, case.space.whole_degree()) {
             (Some(kind), 1..) => errors::by_elements(world, case, kind, share, self.field)?,
             _ => {
-                let norms = |f| FieldNorms { world, volumes: volumes.clone(), f };
-                let field = field_errors(&norms(self.field), &norms(values), volumes.mean());
+                let norms = FieldNorms { world, volumes: volumes.clone(), f: self.field };
+                let field = field_errors(&norms, values);
                 errors::by_cells(world, volumes, field, self.moments, moments)
             }
         };
         summary.set_errors(&errors);
         let sizes: Vec<f64> = moments.density.iter().map(|rho| rho.abs()).collect();
-        let [error, size] =
-            [&exact.density_errors, &sizes].map(|terms| volumes.integral(world, terms));
+        let [error, size] = volumes.integrals(world, [&exact.density_errors, &sizes]);
         // A density that cancels has no relative error.
         let relative = Some(error / size).filter(|error| error.is_finite());
         summary.exact_density_error = summary.error_density_l1_relative.and(relative);
@@ -146,9 +145,7 @@ impl ResultOnShare<'_> {
 }
 
 /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and these norms of `f_exact` itself. Collective.
-fn field_errors(found: &FieldNorms<'_>, exact: &FieldNorms<'_>, volume: f64) -> ErrorNorms {
-    let zero = vec![0.0; exact.f.len()];
-    let error = |power: i32| volume * found.difference(exact.f, power);
-    let size = |power: i32| volume * exact.difference(&zero, power);
-    ErrorNorms::of_sums([error(1), error(2), size(1), size(2)])
+fn field_errors(found: &FieldNorms<'_>, exact: &[f64]) -> ErrorNorms {
+    let sums = found.volumes.sums(found.world, |i| errors::norm_terms(found.f[i], exact[i]));
+    ErrorNorms::of_sums(sums.map(|sum| sum * found.volumes.mean()))
 }

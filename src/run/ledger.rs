@@ -290,7 +290,7 @@ fn replicated(
             }
             let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
             if !drawer.case.reflects() {
-                for particle in resampled(&inside, followed) {
+                for particle in resampled(inside, followed, sequence.offset) {
                     tracker.follow(replicate, &mut tally, &particle, 1.0 / many as f64);
                 }
             }

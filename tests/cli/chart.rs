@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const LATE: f64 = 10.0;
 
 /// Budget in seconds of a chart of which only the form is checked.
-const BUDGET: f64 = 2.5;
+const BUDGET: f64 = 1.5;
 
 /// Budget in seconds that is enough for several step sizes of each method, on a busy machine too.
 const ENOUGH: f64 = 12.0;

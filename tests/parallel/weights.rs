@@ -123,7 +123,7 @@ pub fn volumes(world: &World) {
             let name = format!("{}, {mesh:?}", twin.name);
             let rank = world.group().rank();
             let share = mesh.share(space, rank % mesh.blocks(), rank / mesh.blocks());
-            let found = CellVolumes::new(space, &share).power_sum(&world.group(), 2, term);
+            let found = CellVolumes::new(space, &share).sum(&world.group(), |i| term(i) * term(i));
             assert!((found / squares - 1.0).abs() < 1e-13, "{name}: {found} {squares}");
             let weighted = Weighted::new(world, &twin, &mesh);
             for i in 0..twin.cells {

@@ -7,7 +7,7 @@ use crate::problem::case::{AllowedReductions, Case, Exact, Limiter, Method};
 use crate::problem::exact::{MostCells, Tracer, traced_cells};
 use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::errors::exact_points;
-use crate::run::exact::velocities::first_points;
+use crate::run::exact::velocities::limits::first_points;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::budget::Budget;

@@ -1,0 +1,34 @@
+//! Positions at which integrals over the velocities are compared.
+
+use crate::parallel::communicator::Group;
+use crate::parallel::partition::split;
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
+
+/// `value` at all `places`, of which each rank computes a part. Collective.
+pub fn at_all(
+    world: &Group,
+    places: &[[f64; MAX_DIMENSION]],
+    value: impl Fn(&[f64; MAX_DIMENSION]) -> f64,
+) -> Vec<f64> {
+    let mut found = vec![0.0; places.len()];
+    for k in split(&(0..places.len()), world.size(), world.rank()) {
+        found[k] = value(&places[k]);
+    }
+    world.gathered(found)
+}
+
+/// Up to `most` centres of elements along each axis.
+pub fn centres(space: &PhaseSpace, most: usize) -> Vec<[f64; MAX_DIMENSION]> {
+    let axes = &space.x;
+    let counts: Vec<_> = axes.iter().map(|axis| 0..axis.elements().min(most)).collect();
+    let mut positions = Vec::new();
+    for_each_cell(&counts, |k| {
+        let mut position = [0.0; MAX_DIMENSION];
+        for (a, axis) in axes.iter().enumerate() {
+            let element = (2 * k[a] + 1) * axis.elements() / (2 * counts[a].len());
+            position[a] = axis.at(element as i64, 0.0);
+        }
+        positions.push(position);
+    });
+    positions
+}
