@@ -267,16 +267,21 @@ impl CellVolumes {
         self.space[i / nv] * self.velocity[i % nv]
     }
 
-    /// Integrals over space of moments on the share. Collective over `world`.
-    pub fn integrals<const N: usize>(&self, world: &Group, moments: [&[f64]; N]) -> [f64; N] {
-        let terms = |(c, w): (usize, &f64)| moments.map(|moment| moment[c] * w);
-        let sums = world.sum_lanes(self.space_cells, self.space.iter().enumerate().map(terms));
+    /// Integrals over space of the functions whose values at space cell `c` of the share are
+    /// `values(c)`. Collective over `world`.
+    pub fn integrals<const N: usize>(
+        &self,
+        world: &Group,
+        values: impl Fn(usize) -> [f64; N],
+    ) -> [f64; N] {
+        let terms = |(c, w): (usize, &f64)| values(c).map(|value| value * w);
+        let sums = world.sum_lanes(self.space_cells, self.space.iter().enumerate().map(&terms));
         sums.map(|sum| sum * self.mean_space)
     }
 
     /// Integral over space of a moment on the share. Collective over `world`.
     pub fn integral(&self, world: &Group, moment: &[f64]) -> f64 {
-        let [integral] = self.integrals(world, [moment]);
+        let [integral] = self.integrals(world, |c| [moment[c]]);
         integral
     }
 
@@ -296,10 +301,9 @@ impl CellVolumes {
 
     /// Mass and energies in all of space; `potential` is `V` on the share. Collective over `world`.
     pub fn totals(&self, world: &Group, moments: &Moments, potential: &[f64]) -> Totals {
-        let weighted: Vec<f64> =
-            moments.density.iter().zip(potential).map(|(rho, v)| rho * v).collect();
-        let [mass, kinetic, potential] =
-            self.integrals(world, [&moments.density, &moments.kinetic, &weighted]);
+        let Moments { density, kinetic, .. } = moments;
+        let values = |c: usize| [density[c], kinetic[c], density[c] * potential[c]];
+        let [mass, kinetic, potential] = self.integrals(world, values);
         Totals { mass, kinetic, potential }
     }
 

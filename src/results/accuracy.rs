@@ -173,6 +173,18 @@ impl Accuracy {
         Self { under_resolved, ..found }
     }
 
+    /// The estimate of the density's error on elements, from those of `f` and of the density by
+    /// their coefficients. It is of the order of the square of the error of `f`, which particles
+    /// show better if it is large: an error that is smeared over a front of width `w` is `√w` in L2 and `w` in
+    /// the density, and smooth errors nearly cancel.
+    pub fn density_of_elements(&self, field: Option<f64>, density: Option<f64>) -> Option<f64> {
+        let field = match self.particles.field_mean {
+            Some(shown) if is_large(shown) => shown,
+            shown => shown.into_iter().chain(field).reduce(f64::max)?,
+        };
+        Some(f64::hypot(density?, field * field).min(1.0))
+    }
+
     /// The larger of the grid's errors of `f` and of the density; zero if none is known.
     fn worst(&self) -> f64 {
         self.grid.into_iter().chain(self.grid_density).fold(0.0, f64::max)

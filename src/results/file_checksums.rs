@@ -49,7 +49,8 @@ fn of_existing(world: &Group, directory: &Path, names: Vec<String>) -> Result<Fi
 /// Compares the files of `directory` with their checksums. Collective over `world`.
 ///
 /// # Errors
-/// [`Error::Output`], the same on all ranks, which names the first file that has changed.
+/// [`Error::Output`], the same on all ranks, which names a file that cannot be read, or else the
+/// first one that has changed.
 pub fn check(world: &Group, directory: &Path) -> Result<FileChecksums> {
     let expected = world.of_first_rank(|| of_all(directory))?;
     let found = of_existing(world, directory, expected.keys().cloned().collect())?;

@@ -62,10 +62,10 @@ pub(crate) fn compare(world: &Group, path: &Path, sums: &ChecksumParts) -> Resul
     world.sum_integers(&mut found);
     let differing =
         sums.iter().zip(found).find(|((_, [_, expected]), sum)| *sum as u64 != *expected);
-    match differing {
-        Some(((name, _), _)) => fail(&differs(name)),
+    world.agree(match differing {
+        Some(((name, _), _)) => Err(failure(path, &differs(name))),
         None => Ok(sums.len()),
-    }
+    })
 }
 
 /// The message about a dataset whose checksum differs.

@@ -69,6 +69,8 @@ pub struct GridErrors {
     pub density: ErrorNorms,
     /// Norms for the momentum, summed over its components.
     pub momentum: Option<ErrorNorms>,
+    /// `∫ ρ_exact dx`, if it is known better than by a sum over the grid.
+    pub exact_mass: Option<f64>,
 }
 
 /// The goals that a run misses, a sentence for each; `None` for a goal that is met or unknown.
@@ -391,7 +393,7 @@ pub struct Summary {
     pub error_l1_relative: Option<f64>,
     /// `error_l2` relative to `exact_l2`.
     pub error_l2_relative: Option<f64>,
-    /// ∫ ρ_exact dx, for measure-valued data.
+    /// ∫ ρ_exact dx.
     pub mass_exact: Option<f64>,
     /// ∫ |ρ − ρ_exact| dx.
     pub error_density_l1: Option<f64>,
@@ -479,7 +481,12 @@ impl Summary {
             inherited: self.continued.as_ref().map_or(GridErrorPair::default(), |c| c.grid),
             ..Accuracy::default()
         };
-        self.accuracy = accuracy.with_grid(measured, estimated);
+        let [of_field, of_density] = estimated;
+        let of_density = match case.space.whole_degree() {
+            0 => of_density,
+            _ => accuracy.density_of_elements(of_field, of_density),
+        };
+        self.accuracy = accuracy.with_grid(measured, [of_field, of_density]);
         self.missed = MissedGoals::new(case, self);
         let rough = self.error_estimate.filter(|_| self.missed.tolerance.is_some());
         let accuracy = &mut self.accuracy;
@@ -563,6 +570,7 @@ impl Summary {
             self.error_density_l1_relative = density.relative_l1();
             self.error_density_l2_relative = density.relative_l2();
         }
+        self.mass_exact = errors.exact_mass;
         if let Some(momentum) = &errors.momentum {
             (self.error_momentum_l1, self.error_momentum_l2) =
                 (Some(momentum.l1), Some(momentum.l2));

@@ -23,6 +23,8 @@ const MORE_POINTS: [(usize, f64); 3] = [(3, 2e7), (1, 1e8), (0, f64::INFINITY)];
 
 /// Number of [`norm_terms`].
 const NORMS: usize = 4;
+/// Terms of an element of space: three times the norms, and the exact mass.
+const TERMS: usize = 3 * NORMS + 1;
 /// Numbers summed at a point of space: density, momenta.
 const SUMS: usize = 1 + MAX_DIMENSION;
 
@@ -31,12 +33,14 @@ type Pair<'a> = (&'a Vec<f64>, &'a Vec<f64>);
 
 /// Norms over space of the differences of `pairs`, summed over the pairs. Collective.
 pub fn over_space(world: &Group, volumes: &CellVolumes, pairs: &[Pair<'_>]) -> ErrorNorms {
-    let mut terms: [Vec<f64>; NORMS] = Default::default();
-    for (k, terms) in terms.iter_mut().enumerate() {
-        let at = |c: usize| pairs.iter().map(|(a, b)| norm_terms(a[c], b[c])[k]).sum::<f64>();
-        terms.extend((0..pairs[0].0.len()).map(at));
-    }
-    ErrorNorms::of_sums(volumes.integrals(world, terms.each_ref().map(Vec::as_slice)))
+    let terms = |c: usize| {
+        let mut sums = [0.0; NORMS];
+        for (a, b) in pairs {
+            sums.iter_mut().zip(norm_terms(a[c], b[c])).for_each(|(sum, term)| *sum += term);
+        }
+        sums
+    };
+    ErrorNorms::of_sums(volumes.integrals(world, terms))
 }
 
 /// Errors of a field of degree 0 whose distance to the exact one is `field`, on the cells of
@@ -51,7 +55,7 @@ pub fn by_cells(
     let density = over_space(world, volumes, &[(&found.density, &exact.density)]);
     let momenta: Vec<Pair<'_>> = found.momentum.iter().zip(&exact.momentum).collect();
     let momentum = over_space(world, volumes, &momenta);
-    GridErrors { field: Some(field), density, momentum: Some(momentum) }
+    GridErrors { field: Some(field), density, momentum: Some(momentum), exact_mass: None }
 }
 
 /// Errors of the field `f` of a degree above 0 on a rank's `share` of space, as integrals over
@@ -113,8 +117,8 @@ struct ElementSums<'a> {
     index: Option<Vec<usize>>,
     /// Sums over velocities at the points of that element.
     here: Vec<[f64; SUMS]>,
-    /// Terms by element of space: norms of `f`, density, momentum.
-    terms: Vec<[f64; 3 * NORMS]>,
+    /// Terms by element of space: norms of `f`, density, momentum; the exact mass.
+    terms: Vec<[f64; TERMS]>,
     /// Norms of `f` on that element.
     field: [f64; NORMS],
 }
@@ -156,7 +160,7 @@ impl<'a> ElementSums<'a> {
             counts,
             index: None,
             here: vec![[0.0; SUMS]; counts[0]],
-            terms: Vec::with_capacity(elements),
+            terms: Vec::new(),
             field: [0.0; NORMS],
         }
     }
@@ -204,11 +208,12 @@ impl<'a> ElementSums<'a> {
         };
         let n = self.case.space.dimension();
         let places = self.case.space.points_in(&element, &self.points[..n]);
-        let mut sums = [[0.0; NORMS]; 2];
+        let (mut sums, mut mass) = ([[0.0; NORMS]; 2], 0.0);
         let weights = products(&self.weights[..n]);
         for ((here, place), weight) in self.here.iter().zip(places).zip(weights) {
             let [x, y, z, ..] = place;
             let exact = self.integrals.at(&[x, y, z]).moments;
+            mass += weight * exact[0];
             for k in 0..=n {
                 let terms = norm_terms(here[k], exact[k]);
                 for (sum, term) in sums[usize::from(k > 0)].iter_mut().zip(terms) {
@@ -216,9 +221,9 @@ impl<'a> ElementSums<'a> {
                 }
             }
         }
-        let mut terms = [0.0; 3 * NORMS];
+        let mut terms = [mass; TERMS];
         let all = [std::mem::take(&mut self.field), sums[0], sums[1]];
-        terms.copy_from_slice(all.as_flattened());
+        terms[..3 * NORMS].copy_from_slice(all.as_flattened());
         self.terms.push(terms);
         self.here.fill([0.0; SUMS]);
     }
@@ -231,7 +236,8 @@ impl<'a> ElementSums<'a> {
         let norms =
             |k: usize| ErrorNorms::of_sums(std::array::from_fn(|norm| sums[NORMS * k + norm]));
         let [field, density, momentum] = [0, 1, 2].map(norms);
-        GridErrors { field: Some(field), density, momentum: Some(momentum) }
+        let exact_mass = Some(sums[3 * NORMS]).filter(|mass| mass.is_finite());
+        GridErrors { field: Some(field), density, momentum: Some(momentum), exact_mass }
     }
 }
 

@@ -265,7 +265,7 @@ impl<'a> Driver<'a> {
             Some(moments) if space.dimension() == 1 && space.whole_degree() == 0 => {
                 arrivals.error_of(world, result, &moments.density)
             }
-            // Other sums over its values are its mass up to the error of a rule on the grid.
+            // Otherwise its mass is known up to the error of a rule.
             _ => self
                 .summary
                 .mass_exact
@@ -283,7 +283,8 @@ impl<'a> Driver<'a> {
         let volumes = CellVolumes::new(&case.space, &rank_cells.share);
         let world = &prepared.communicator.world;
         let mass = |moments: &Moments| volumes.integral(world, &moments.density);
-        self.summary.mass_exact = exact.moments.last().map(mass);
+        let known = self.summary.mass_exact;
+        self.summary.mass_exact = known.or_else(|| exact.moments.last().map(mass));
         let mut ledger = start.ledger;
         ledger.close(start.totals, results.totals, start.entered);
         self.warn_later(ledger.warnings());

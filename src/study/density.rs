@@ -12,12 +12,17 @@ use crate::run::exact::averaged_density;
 use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 
-/// The density of a trial on all of space, averaged over equal cells. Along an axis an element has
-/// as many of these cells as nodes. Collective.
+/// The density of a trial on all of space, averaged over equal cells. Along an axis, an element of a
+/// degree above 0 has `parts` of these cells for each node. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] if it is zero everywhere, or not finite.
-pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Vec<f64>> {
+pub fn density_of(
+    group: &Group,
+    space: &PhaseSpace,
+    trial: &Trial,
+    parts: usize,
+) -> Result<Vec<f64>> {
     let mut density = vec![0.0; space.space_cells()];
     let mut mine = trial.moments.density.iter();
     for_each_cell(&trial.share, |i| {
@@ -31,7 +36,7 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
     if space.x.iter().all(|axis| axis.nodes.degree == 0) {
         return Ok(density);
     }
-    let matrices: Vec<_> = space.x.iter().map(|axis| part_averages(axis.nodes)).collect();
+    let matrices: Vec<_> = space.x.iter().map(|axis| part_averages(axis.nodes, parts)).collect();
     let axes: Vec<_> = (space.x.iter().zip(&matrices))
         .map(|(axis, matrix)| AxisMatrix { elements: axis.elements(), matrix })
         .collect();
@@ -39,18 +44,17 @@ pub fn density_of(group: &Group, space: &PhaseSpace, trial: &Trial) -> Result<Ve
 }
 
 /// Averages of the nodal polynomials of an element over its parts, as `[m][n]`: part `m`, node `n`.
-/// The element is cut into equal parts, one for each node.
-fn part_averages(nodes: Nodes) -> Vec<Vec<f64>> {
-    let count = nodes.count();
+/// The element is cut into equal parts, `parts` for each node.
+fn part_averages(nodes: Nodes, parts: usize) -> Vec<Vec<f64>> {
     if nodes.degree == 0 {
         return vec![vec![1.0]];
     }
-    let rule = gauss_legendre(count);
+    let (rule, count) = (gauss_legendre(nodes.count()), parts * nodes.count());
     let average = |m: usize, node: usize| -> f64 {
         let at = |xi: f64| (2 * m + 1) as f64 / count as f64 - 1.0 + xi / count as f64;
         rule.iter().map(|p| 0.5 * p.weight * nodes.reference().values_at(at(p.node))[node]).sum()
     };
-    (0..count).map(|m| (0..count).map(|node| average(m, node)).collect()).collect()
+    (0..count).map(|m| (0..nodes.count()).map(|node| average(m, node)).collect()).collect()
 }
 
 /// Refuses a density that is zero or not finite: no error relative to it is defined.

@@ -602,6 +602,37 @@ fn particles_show_errors_that_no_estimate_sees() {
     });
 }
 
+/// Where `f` was smeared out, the estimate of the density knows it by the particles that show the
+/// error of `f`: the density's own coefficients are small. The exact mass, of a density with
+/// caustics, is that of the start.
+#[test]
+fn densities_of_smeared_fields_have_large_estimates() {
+    let valley = r#"
+        initial.f = "exp(-((x - 0.3)/0.15)^2 - (v/0.15)^2)"
+        time.end = 9
+        exact.kind = "characteristics"
+        potential = [{ where = "x < 0", value = "-x" }, { value = "x" }]
+        [[axis]]
+        x = { lower = -1, upper = 1, cells = 16 }
+        v = { lower = -1.2, upper = 1.2, cells = 16 }
+    "#;
+    let place = directory();
+    let file = written(place.path(), valley).unwrap();
+    check_all(&["scheme.degree=2", "scheme.degree=3"], |degree| {
+        let results = directory();
+        let job = Job::new(["run", &file]).set(&[CLASSICAL, degree]).on(2);
+        let summary = job.solve(results.path())?;
+        let error = summary.number("error_density_l2_relative")?;
+        let estimate = accuracy(&summary.value, "grid_density_estimate")?;
+        let size = || format!("estimated {estimate}, measured {error}");
+        summary.require((0.5..3.0).contains(&(estimate / error)) && error > 0.2, size)?;
+        let [exact, start] = ["mass_exact", "mass_initial"].map(|key| summary.number(key));
+        let (exact, start) = (exact?, start?);
+        summary
+            .require((exact / start - 1.0).abs() < 0.02, || format!("mass {exact}, {start} before"))
+    });
+}
+
 /// If nothing is known about the error of the grid, the last line says why.
 #[test]
 fn unknown_errors_are_called_unknown() {

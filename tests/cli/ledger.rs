@@ -272,8 +272,8 @@ fn unbalanced_mass_is_reported() {
         let unitary = name.starts_with("unitary");
         let method: &[&str] = if unitary { &[] } else { &[CLASSICAL] };
         let summary = run(name).set(method).on(2).summary()?;
-        // The coarse grids of these cases smear 4 % of the mass over the ends of the box.
-        let smeared = ["barrier2d.toml", "lens2d.toml", "step3d.toml"].contains(&name.as_str());
+        // The coarse grids of these cases smear 4 to 5 % of the mass over the ends of the box.
+        let smeared = ["barrier2d.toml", "step3d.toml"].contains(&name.as_str());
         summary.require(off(&summary) == [smeared, false], || summary.warnings())
     });
     let bump: &[&str] = &["potential.1.value=0.4*exp(-((x - 0.3)/0.02)^2)", "scheme.degree=3"];

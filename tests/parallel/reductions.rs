@@ -66,6 +66,31 @@ fn exact_sum(world: &World) {
     let [one, other] = group.sum_lanes(terms.len(), spoilt.iter().map(|x| [1.0, *x]));
     assert!(one == terms.len() as f64 && other.is_nan());
     assert_eq!(group.sum_terms(&[]), 0.0);
+    sums_by_part(world);
+}
+
+/// Sums by part are those of the terms of each part, bit for bit, of more parts than fit into one
+/// message. A part that no rank has a term of is 0, and NaN spoils its own part only.
+fn sums_by_part(world: &World) {
+    const PARTS: usize = 21;
+    let group = world.group();
+    let (rank, size) = (group.rank(), group.size());
+    let mine: Vec<(usize, f64)> = (0..300)
+        .filter(|i| i % size == rank)
+        .map(|i| (i * i % (PARTS - 1), noise(i, 3) * 10f64.powi(i as i32 % 9)))
+        .collect();
+    let sums = group.sum_by_part(300, PARTS, mine.iter().copied());
+    for (part, sum) in sums.iter().enumerate() {
+        let of_part = |(of, x): &(usize, f64)| [if *of == part { *x } else { 0.0 }];
+        let [expected] = group.sum_lanes(300, mine.iter().map(of_part));
+        assert_eq!(sum.to_bits(), expected.to_bits(), "part {part}");
+    }
+    assert_eq!(sums[PARTS - 1], 0.0);
+    report_bits(world, "sums by part", &sums);
+    let spoilt = (rank == size - 1).then_some((4, f64::NAN));
+    let found = group.sum_by_part(301, PARTS, mine.iter().copied().chain(spoilt));
+    let is_nan: Vec<usize> = (0..PARTS).filter(|part| found[*part].is_nan()).collect();
+    assert_eq!(is_nan, [4]);
 }
 
 fn maxima(world: &World) {

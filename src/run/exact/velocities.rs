@@ -54,8 +54,6 @@ pub struct VelocityIntegrals<'a> {
     rule: PanelRule<'a>,
     /// The velocities of the grid, if sums over them are accurate enough.
     grid_rule: Option<GridRule>,
-    /// The part of a density that may lie between the points of the first panels.
-    unseen: f64,
     /// Whether filaments are looked for within cells of degree 0.
     within_cells: bool,
 }
@@ -78,13 +76,13 @@ impl<'a> VelocityIntegrals<'a> {
         rule.tolerance = limits.tolerance * sizes.iter().copied().fold(0.0, f64::max);
         if case.space.dimension() == 1 && time == case.end {
             let compared = ComparedPlaces::of(&places, &sizes);
-            let SeenFilaments { rule, within_cells, unseen } =
+            let SeenFilaments { rule, within_cells } =
                 SeenFilaments::search(world, rule, positions, &compared);
-            return Self { rule, grid_rule: None, unseen, within_cells };
+            return Self { rule, grid_rule: None, within_cells };
         }
         let may_sum = case.potential.len() == 1 && limits.trials > 0;
         let grid_rule = may_sum.then(|| GridRule::accepted(world, &rule, limits.trials)).flatten();
-        Self { rule, grid_rule, unseen: 0.0, within_cells: false }
+        Self { rule, grid_rule, within_cells: false }
     }
 
     /// The largest error of a density by sums over the velocities of the grid, if they are used.
@@ -109,7 +107,7 @@ impl<'a> VelocityIntegrals<'a> {
         let space = self.rule.space;
         if space.dimension() == 1 && space.x[0].nodes.degree == 0 {
             let averages = CellAverages { rule: &self.rule, within_cells: self.within_cells };
-            return averages.of(cells).into_iter().map(|found| self.with_unseen(found)).collect();
+            return averages.of(cells);
         }
         let rule = gauss_legendre(points_across(case));
         // Points across a cell and their weights, by axis.
@@ -145,12 +143,7 @@ impl<'a> VelocityIntegrals<'a> {
     pub fn at(&self, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
         match &self.grid_rule {
             Some(grid) => grid.at(&self.rule, position),
-            None => self.with_unseen(self.rule.at(position)),
+            None => self.rule.at(position),
         }
-    }
-
-    /// `found` with the error of what lies between the points of the first panels.
-    fn with_unseen(&self, found: VelocityIntegral) -> VelocityIntegral {
-        VelocityIntegral { error: found.error + self.unseen * found.moments[0].abs(), ..found }
     }
 }

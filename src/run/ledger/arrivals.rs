@@ -162,8 +162,11 @@ fn field_error(
     let points: usize = space.axes().map(|axis| axis.nodes.count().max(2)).product();
     let most = (MOST_PRODUCTS / (REPLICATES * points)).max(LEAST_PARTICLES);
     let step = all.iter().map(Vec::len).max().unwrap_or(0).div_ceil(most);
-    let chosen: Vec<Vec<ArrivedParticle>> =
-        all.iter().map(|of| of.iter().step_by(step).copied().collect()).collect();
+    // Each replicate begins with another one, as arrivals are in the order of a curve.
+    let some = |(replicate, of): (usize, &Vec<ArrivedParticle>)| {
+        of.iter().skip(replicate * step / all.len()).step_by(step.max(1)).copied().collect()
+    };
+    let chosen: Vec<Vec<ArrivedParticle>> = all.iter().enumerate().map(some).collect();
     let mut values = values_at(world, result, &chosen.concat()).into_iter();
     let sums = chosen.iter().map(|of| {
         let terms = of.iter().zip(values.by_ref()).map(

@@ -141,6 +141,9 @@ struct ErrorSequence {
     /// The error of each grid against the exact solution; or, without one, the distance of each
     /// grid but the last to the next.
     found: Vec<f64>,
+    /// Without an exact solution, once the sequence is complete: the distance of each grid to the
+    /// finest one, which its error is not counted below.
+    to_finest: Vec<f64>,
     exact: bool,
     /// Orders that the scheme may have.
     orders: OrderRange,
@@ -153,8 +156,11 @@ impl ErrorSequence {
 
     fn grids(&self) -> Vec<MeasuredGrid> {
         let order = self.order();
-        let error = |&e: &f64| if self.exact { e } else { order.error(e) };
-        let errors = self.found.iter().map(error);
+        let error = |(k, &e): (usize, &f64)| match self.exact {
+            true => e,
+            false => order.error(e).max(self.to_finest.get(k).copied().unwrap_or(0.0)),
+        };
+        let errors = self.found.iter().enumerate().map(error);
         (self.shapes.iter().zip(errors))
             .map(|(shape, error)| MeasuredGrid { shape: shape.clone(), error })
             .collect()
@@ -184,6 +190,8 @@ pub fn error_on(
         return Ok(None);
     }
     let error = order.error(trials.distance(scheme, shape, &twice)?);
+    // Two coarse grids may miss the same.
+    let error = error.max(trials.distance_to_finest(scheme, shape).unwrap_or(0.0));
     Ok(Some(DensityError { error, known: Evidence::Estimated }))
 }
 
@@ -329,8 +337,13 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         let share = self.share(FOR_LEVELS);
         let cheap = CHEAP * (share - self.used);
         let (exact, orders) = (self.trials.has_exact(), scheme.orders());
-        let mut sequence =
-            ErrorSequence { shapes: vec![first.clone()], found: Vec::new(), exact, orders };
+        let mut sequence = ErrorSequence {
+            shapes: vec![first.clone()],
+            found: vec![],
+            to_finest: vec![],
+            exact,
+            orders,
+        };
         sequence.found.extend(self.trials.error(scheme, &first)?);
         while sequence.shapes.len() < MOST_LEVELS {
             let reached = sequence.grids().last().is_some_and(|grid| grid.error <= self.wanted);
@@ -366,6 +379,9 @@ impl<'t, 'a> GridSearch<'t, 'a> {
             sequence.shapes.insert(0, half);
             sequence.found.insert(0, found);
         }
+        let to_finest = |shape: &Vec<usize>| self.trials.distance_to_finest(scheme, shape);
+        sequence.to_finest =
+            sequence.shapes.iter().map(|shape| to_finest(shape).unwrap_or(0.0)).collect();
         Ok(sequence)
     }
 

@@ -144,7 +144,10 @@ impl SetupReport {
         } else if self.known == Evidence::Extrapolated && self.order.pairs.len() < 2 {
             Some(format!("{open}a longer --budget may settle it"))
         } else if self.seconds.is_some_and(|seconds| seconds > longest) {
-            Some(format!("{open}it is expected to take more than 30 days on these ranks"))
+            Some(format!(
+                "{open}it is expected to take more than 30 days on these ranks; a longer --budget, \
+                 or [exact], may find another"
+            ))
         } else {
             None
         }

@@ -30,14 +30,22 @@ const FOR_REDUCTION: f64 = 0.25;
 /// particle is traced back.
 const UPDATES_PER_FORMULA: f64 = 8.0;
 const UPDATES_PER_SEGMENT: f64 = 12.0;
+/// Cells for each unknown of space over which densities are averaged to be compared.
+const FINER_CELLS: usize = 2;
 /// Particles that are traced to count the parts of their paths.
 const TRACED: usize = 200;
+
+/// A trial: its scheme and its elements along each axis.
+type TrialGrid = (SchemeChoice, Vec<usize>);
 
 /// The result of a trial.
 #[derive(Clone)]
 pub struct TrialResult {
     /// The density on all of space, averaged over equal cells, one for each unknown of space.
     pub density: Vec<f64>,
+    /// The same, averaged over [`FINER_CELLS`] cells for each unknown of an axis of a degree above 0:
+    /// what an element misses between its nodes is an error, too.
+    fine_density: Vec<f64>,
     /// Relative L1 error by quadrature in the elements, with degree 1 and more, if an exact
     /// solution is known.
     error: Option<f64>,
@@ -101,7 +109,7 @@ pub struct Trials<'a> {
     /// ranks makes the same trials.
     pub budget: Budget,
     cost: CostModel,
-    done: BTreeMap<(SchemeChoice, Vec<usize>), TrialResult>,
+    done: BTreeMap<TrialGrid, TrialResult>,
     /// Trials by modes, by the bits of their tolerance too.
     by_modes: BTreeMap<(SchemeChoice, Vec<usize>, u64), TrialResult>,
     exact_densities: BTreeMap<Vec<usize>, Vec<f64>>,
@@ -293,13 +301,14 @@ impl<'a> Trials<'a> {
         let exact = self.exact.clone().filter(|_| compared);
         let found = trial(self.world, &Case { exact, ..case.clone() })?;
         let group = self.world.group();
-        let density = density_of(&group, &case.space, &found)?;
+        let density = density_of(&group, &case.space, &found, 1)?;
+        let fine_density = density_of(&group, &case.space, &found, FINER_CELLS)?;
         let [result, solve] = [found.seconds, found.summary.solve_seconds].map(|s| group.max(s));
         let seconds = TrialSeconds { result, solve, total: result };
         self.cost.learn(&self.merged(case), &found.plan, seconds);
         let spread = spread(&group, &case.space, &found, &density);
         let error = found.summary.error_density_l1_relative;
-        Ok(TrialResult { density, error, seconds: result, spread })
+        Ok(TrialResult { density, fine_density, error, seconds: result, spread })
     }
 
     /// Tries `target`, which is `scheme` on `shape` by modes, and counts as this many `updates`, if
@@ -363,13 +372,45 @@ impl<'a> Trials<'a> {
         coarse: &[usize],
         fine: &[usize],
     ) -> Result<f64> {
-        let space = &self.degree_case(scheme).base.space;
-        let cells = |shape: &[usize]| -> Vec<usize> {
-            space.x.iter().zip(shape).map(|(axis, n)| n * axis.nodes.count()).collect()
+        for shape in [coarse, fine] {
+            self.run(scheme, shape)?;
+        }
+        Ok(self.distance_of(&(scheme, coarse.to_vec()), &(scheme, fine.to_vec())))
+    }
+
+    /// The relative L1 distance of the density of `scheme` on `shape` to that of the finest trial
+    /// of this scheme with any flux, or of a higher degree. `None` if none is finer along all axes,
+    /// or if this one was not made.
+    pub fn distance_to_finest(&self, scheme: SchemeChoice, shape: &[usize]) -> Option<f64> {
+        let this = (scheme, shape.to_vec());
+        let nodes = self.nodes(&this);
+        let finer = |other: &&TrialGrid| {
+            let of_scheme = SchemeChoice { flux: scheme.flux, ..other.0 } == scheme;
+            let others = self.nodes(other);
+            (of_scheme || other.0.degree > scheme.degree)
+                && others != nodes
+                && others.iter().zip(&nodes).all(|(others, nodes)| others >= nodes)
         };
-        let (few, many) = (cells(coarse), cells(fine));
-        let finer = averaged(&self.run(scheme, fine)?.density, &many, &few);
-        Ok(distance(&self.run(scheme, coarse)?.density, &finer))
+        let size = |other: &&TrialGrid| self.nodes(other).into_iter().product::<usize>();
+        let finest = self.done.keys().filter(finer).max_by_key(size)?;
+        self.done.contains_key(&this).then(|| self.distance_of(&this, finest))
+    }
+
+    /// The numbers of nodes along each axis.
+    fn nodes(&self, (scheme, shape): &TrialGrid) -> Vec<usize> {
+        let axes = self.degree_case(*scheme).base.space.axes();
+        axes.zip(shape).map(|(axis, elements)| elements * axis.nodes.count()).collect()
+    }
+
+    /// The distance of the densities of two trials that were made.
+    fn distance_of(&self, coarse: &TrialGrid, fine: &TrialGrid) -> f64 {
+        let cells = |trial: &TrialGrid| -> Vec<usize> {
+            let axes = self.degree_case(trial.0).base.space.x.iter().zip(self.nodes(trial));
+            let finer = |axis: &Axis| if axis.nodes.degree > 0 { FINER_CELLS } else { 1 };
+            axes.map(|(axis, nodes)| finer(axis) * nodes).collect()
+        };
+        let finer = averaged(&self.done[fine].fine_density, &cells(fine), &cells(coarse));
+        distance(&self.done[coarse].fine_density, &finer)
     }
 }
 

@@ -166,7 +166,6 @@ impl ChartEntry {
     /// The settings of `case` with the numbers of its `trial`.
     pub fn done(case: &Case, trial: &Trial, seconds: TrialSeconds) -> Self {
         let summary = &trial.summary;
-        let relative = |error: Option<f64>, size: Option<f64>| Some(error? / size?);
         let probability =
             |of: fn(&Probabilities) -> Option<f64>| summary.probabilities.as_ref().and_then(of);
         // The unitary scheme has one mode, which is the field.
@@ -176,8 +175,6 @@ impl ChartEntry {
         let modes = case.method == Method::Schrodingerized;
         let solves = Some(summary.solves).filter(|n| *n > 0);
         let applications = Some(summary.matvecs).filter(|_| solves.is_none());
-        let density = relative(summary.error_density_l1, summary.mass_exact);
-        let field = relative(summary.error_l1, summary.exact_l1);
         let likely = window.into_iter().chain(slice).fold(0.0, f64::max);
         let until = applications.map(|n| n as f64 / likely);
         let until = until.filter(|n| modes && n.is_finite());
@@ -189,8 +186,8 @@ impl ChartEntry {
             seconds: Some(seconds.result),
             total_seconds: Some(seconds.total),
             memory_bytes_per_rank: Some(summary.memory_peak_bytes_per_rank).filter(|m| *m > 0),
-            error_exact: field.or(density).filter(|e| e.is_finite()),
-            error_exact_l2: relative(summary.error_l2, summary.exact_l2).filter(|e| e.is_finite()),
+            error_exact: summary.error_l1_relative.or(summary.error_density_l1_relative),
+            error_exact_l2: summary.error_l2_relative,
             error_semidiscrete: summary.error_semidiscrete,
             error_estimate: (summary.error_estimate).filter(|_| summary.error_estimate_reliable),
             probability_window: window,

@@ -56,7 +56,7 @@ impl MeasuredScheme {
         for shape in &shapes {
             let plain = Case { exact: None, ..final_fields_only(&on_grid(case, shape)) };
             let found = trial(world, &plain)?;
-            let density = density_of(&group, &plain.space, &found)?;
+            let density = density_of(&group, &plain.space, &found, 1)?;
             errors.push(distance(&density, &exact_density(&group, &plain, exact)?));
             last = (found.seconds, spread(&group, &plain.space, &found, &density));
         }

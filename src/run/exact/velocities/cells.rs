@@ -7,8 +7,8 @@ use crate::run::exact::velocities::panels::{
     BOOLE, POINTS, PanelRule, SIMPSON, VelocityIntegral, points_of,
 };
 
-/// A cell in which the density at a face deviates from a line by more than this
-/// part of the largest density is cut into panels.
+/// A cell in which the density at a face deviates from a line by more than this part of the largest
+/// density is cut into panels.
 const BENT_CELL: f64 = 5e-3;
 /// Least number of positions that such a cell may take, and largest.
 const POSITIONS: [usize; 2] = [12, 64];

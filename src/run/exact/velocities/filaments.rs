@@ -65,12 +65,11 @@ impl ComparedPlaces {
 
 /// Integrals at a position after a search for filaments.
 pub struct SeenFilaments<'a> {
-    /// The integrals, which begin with more panels if that changes densities.
+    /// The integrals, which begin with more panels if that changes densities. What may still lie
+    /// between their points is part of their error.
     pub rule: PanelRule<'a>,
     /// Whether averages over cells need a search within every cell.
     pub within_cells: bool,
-    /// The part of a density that may still lie between the points of the first panels.
-    pub unseen: f64,
 }
 
 impl<'a> SeenFilaments<'a> {
@@ -98,16 +97,19 @@ impl<'a> SeenFilaments<'a> {
             }
             (rule, found) = (finer, expected);
         };
-        let mut seen = Self { rule, within_cells: false, unseen };
-        if seen.rule.space.x[0].nodes.degree == 0 {
-            seen.search_within_cells(world, compared);
-        }
+        let mut seen = Self { rule, within_cells: false };
+        let unseen_in_cells = match seen.rule.space.x[0].nodes.degree {
+            0 => seen.search_within_cells(world, compared),
+            _ => 0.0,
+        };
+        seen.rule.unseen = unseen.max(unseen_in_cells);
         seen
     }
 
     /// Compares averages over cells with those over parts of the same cells. If they differ,
-    /// filaments are looked for within cells from now on. Collective.
-    fn search_within_cells(&mut self, world: &Group, compared: &ComparedPlaces) {
+    /// filaments are looked for within cells from now on. Returns the difference that remains.
+    /// Collective.
+    fn search_within_cells(&mut self, world: &Group, compared: &ComparedPlaces) -> f64 {
         let axis = &self.rule.space.x[0];
         let cell_of = |x: f64| (axis.position(x).floor().max(0.0) as usize).min(axis.cells - 1);
         let averages = |within_cells| CellAverages { rule: &self.rule, within_cells };
@@ -121,12 +123,10 @@ impl<'a> SeenFilaments<'a> {
             });
             compared.difference(&found, &expected)
         };
-        let mut unseen = difference(false);
-        let within_cells = unseen > UNSEEN;
-        if within_cells {
-            unseen = difference(true);
-        }
-        self.unseen = self.unseen.max(unseen);
+        let first = difference(false);
+        let within_cells = first > UNSEEN;
+        let unseen = if within_cells { difference(true) } else { first };
         self.within_cells = within_cells;
+        unseen
     }
 }

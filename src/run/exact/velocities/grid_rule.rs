@@ -21,10 +21,10 @@ pub struct GridRule {
 }
 
 impl GridRule {
-    /// The velocities of the grid, if densities by them are within the tolerance of those by
-    /// `panels`, at up to `most` positions along each axis. Collective.
-    pub fn accepted(world: &Group, panels: &PanelRule<'_>, most: usize) -> Option<Self> {
-        let axes = &panels.space.v;
+    /// The velocities of the grid, if densities by them are within the tolerance of those
+    /// `by_panels`, at up to `most` positions along each axis. Collective.
+    pub fn accepted(world: &Group, by_panels: &PanelRule<'_>, most: usize) -> Option<Self> {
+        let axes = &by_panels.space.v;
         let ranges: Vec<_> = axes.iter().map(|axis| 0..axis.cells).collect();
         let mut points = Vec::new();
         for_each_cell(&ranges, |j| {
@@ -37,22 +37,26 @@ impl GridRule {
         });
         let rule = Self { points, error: 0.0 };
         let tight = PanelRule {
-            tolerance: TRIAL_TOLERANCE * panels.tolerance,
-            most: TRIAL_POINTS * panels.most,
-            ..panels.clone()
+            tolerance: TRIAL_TOLERANCE * by_panels.tolerance,
+            most: TRIAL_POINTS * by_panels.most,
+            ..by_panels.clone()
         };
-        let errors = at_all(world, &centres(panels.space, most), |position| {
-            (rule.at(panels, position).moments[0] - tight.at(position).moments[0]).abs()
+        let errors = at_all(world, &centres(by_panels.space, most), |position| {
+            (rule.at(by_panels, position).moments[0] - tight.at(position).moments[0]).abs()
         });
         let error = errors.into_iter().fold(0.0, f64::max);
-        (error <= panels.tolerance).then_some(Self { error, ..rule })
+        (error <= by_panels.tolerance).then_some(Self { error, ..rule })
     }
 
-    /// The integral at a position of the exact solution that `panels` integrates.
-    pub fn at(&self, panels: &PanelRule<'_>, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
+    /// The integral at a position of the exact solution that is integrated `by_panels`.
+    pub fn at(
+        &self,
+        by_panels: &PanelRule<'_>,
+        position: &[f64; MAX_DIMENSION],
+    ) -> VelocityIntegral {
         let points: Vec<[f64; 6]> =
             self.points.iter().map(|(velocity, _)| phase_point(position, *velocity)).collect();
-        let values = panels.values_of.values_at(&points, panels.time);
+        let values = by_panels.values_of.values_at(&points, by_panels.time);
         let mut moments = [0.0; MOMENTS];
         for (f, (velocity, weight)) in values.iter().zip(&self.points) {
             add(&mut moments, velocity, weight * f);

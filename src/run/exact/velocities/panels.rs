@@ -79,6 +79,8 @@ pub struct PanelRule<'a> {
     pub tolerance: f64,
     /// Points that an integral may take.
     pub most: usize,
+    /// The part of a density that may lie between the points of the first panels.
+    pub unseen: f64,
     /// Boole's weights at the points of a panel.
     pub weights: Vec<f64>,
 }
@@ -101,7 +103,7 @@ impl<'a> PanelRule<'a> {
         for _ in 0..space.dimension() {
             weights = weights.iter().flat_map(|w| BOOLE.map(|b| w * b)).collect();
         }
-        Self { values_of, time, space, panels, tolerance: 0.0, most: 0, weights }
+        Self { values_of, time, space, panels, tolerance: 0.0, most: 0, unseen: 0.0, weights }
     }
 
     /// The integral at a position.
@@ -115,7 +117,9 @@ impl<'a> PanelRule<'a> {
             let largest = panels.iter().map(|panel| panel.error).fold(0.0, f64::max);
             let allowed = left / new_points;
             if error <= self.tolerance || error.is_nan() || allowed == 0 {
-                return self.integral(&panels, error);
+                let found = self.integral(&panels, error);
+                let error = error + self.unseen * found.moments[0].abs();
+                return VelocityIntegral { error, ..found };
             }
             let (mut open, mut k) = (Vec::new(), 0);
             while k < panels.len() && open.len() < allowed {
