@@ -175,8 +175,8 @@ impl Accuracy {
 
     /// The estimate of the density's error on elements, from those of `f` and of the density by
     /// their coefficients. It is of the order of the square of the error of `f`, which particles
-    /// show better if it is large: an error that is smeared over a front of width `w` is `√w` in L2 and `w` in
-    /// the density, and smooth errors nearly cancel.
+    /// show better if it is large: an error that is smeared over a front of width `w` is `√w` in L2
+    /// and `w` in the density, and smooth errors nearly cancel.
     pub fn density_of_elements(&self, field: Option<f64>, density: Option<f64>) -> Option<f64> {
         let field = match self.particles.field_mean {
             Some(shown) if is_large(shown) => shown,

@@ -12,8 +12,8 @@ use crate::run::exact::averaged_density;
 use crate::study::grids::grid_name;
 use crate::study::trial::Trial;
 
-/// The density of a trial on all of space, averaged over equal cells. Along an axis, an element of a
-/// degree above 0 has `parts` of these cells for each node. Collective.
+/// The density of a trial on all of space, averaged over equal cells. Along an axis, an element of
+/// a degree above 0 has `parts` of these cells for each node. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] if it is zero everywhere, or not finite.

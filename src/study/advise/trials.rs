@@ -43,8 +43,8 @@ type TrialGrid = (SchemeChoice, Vec<usize>);
 pub struct TrialResult {
     /// The density on all of space, averaged over equal cells, one for each unknown of space.
     pub density: Vec<f64>,
-    /// The same, averaged over [`FINER_CELLS`] cells for each unknown of an axis of a degree above 0:
-    /// what an element misses between its nodes is an error, too.
+    /// The same, averaged over [`FINER_CELLS`] cells for each unknown of an axis of a degree above
+    /// 0: what an element misses between its nodes is an error, too.
     fine_density: Vec<f64>,
     /// Relative L1 error by quadrature in the elements, with degree 1 and more, if an exact
     /// solution is known.
