@@ -173,16 +173,18 @@ impl Accuracy {
         Self { under_resolved, ..found }
     }
 
-    /// The estimate of the density's error on elements, from those of `f` and of the density by
-    /// their coefficients. It is of the order of the square of the error of `f`, which particles
-    /// show better if it is large: an error that is smeared over a front of width `w` is `√w` in L2
-    /// and `w` in the density, and smooth errors nearly cancel.
-    pub fn density_of_elements(&self, field: Option<f64>, density: Option<f64>) -> Option<f64> {
-        let field = match self.particles.field_mean {
-            Some(shown) if is_large(shown) => shown,
-            shown => shown.into_iter().chain(field).reduce(f64::max)?,
-        };
-        Some(f64::hypot(density?, field * field).min(1.0))
+    /// Counts the error of the density of elements, if it is estimated, as no less than the square
+    /// of a large error of `f` that particles show. Where `f` was smeared out, the solution's own
+    /// coefficients show neither.
+    pub fn count_smeared_density(&mut self) {
+        let shown = self.particles.field_mean.filter(|error| is_large(*error));
+        let least = shown.map(|error| error * error).filter(|_| !self.grid_measured);
+        if let (Some(least), Some(density)) = (least, self.grid_density)
+            && least > density
+        {
+            self.grid_density = Some(least);
+            self.grid_density_source = Some(ErrorSource::Estimated);
+        }
     }
 
     /// The larger of the grid's errors of `f` and of the density; zero if none is known.

@@ -481,12 +481,10 @@ impl Summary {
             inherited: self.continued.as_ref().map_or(GridErrorPair::default(), |c| c.grid),
             ..Accuracy::default()
         };
-        let [of_field, of_density] = estimated;
-        let of_density = match case.space.whole_degree() {
-            0 => of_density,
-            _ => accuracy.density_of_elements(of_field, of_density),
-        };
-        self.accuracy = accuracy.with_grid(measured, [of_field, of_density]);
+        self.accuracy = accuracy.with_grid(measured, estimated);
+        if case.space.whole_degree() > 0 {
+            self.accuracy.count_smeared_density();
+        }
         self.missed = MissedGoals::new(case, self);
         let rough = self.error_estimate.filter(|_| self.missed.tolerance.is_some());
         let accuracy = &mut self.accuracy;

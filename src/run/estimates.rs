@@ -8,9 +8,9 @@
 //!
 //! **Axes of a higher degree**: the error is about as large as the Legendre coefficients beyond the
 //! highest one of each element. At fronts these are like the highest one itself. If coefficients
-//! fall fast, as for smooth data, they are smaller by the same rate.
-//! [`Summary::judge`](crate::results::summary::Summary::judge) adds what the density's own
-//! coefficients do not show.
+//! fall fast, as for smooth data, they are smaller by the same rate. The error of the density is of
+//! the order of the square of that of `f`: an error that is smeared over a front of width `w` is
+//! `√w` in L2 and `w` in the density, and smooth errors nearly cancel.
 //!
 //! docs/limits.md says how reliable the estimates are; tests/cli/accuracy.rs tests it.
 
@@ -57,7 +57,8 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
     }
     if with_elements {
         let more = by_coefficients(prepared, f);
-        found = [0, 1].map(|k| f64::hypot(found[k], more[k]));
+        let [field, density] = [0, 1].map(|k| f64::hypot(found[k], more[k]));
+        found = [field, f64::hypot(density, field * field)];
     }
     // A field that is zero has no relative error.
     Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))
