@@ -96,8 +96,8 @@ pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64])
         squares.push(sum);
     });
     let square = group.sum_terms(&squares) * space.cell_volume();
-    let cell = space.cell_volume() / space.velocity_cell_volume();
-    let mass = density.iter().map(|rho| rho.abs()).sum::<f64>() * cell;
+    let mean = density.iter().map(|rho| rho.abs()).sum::<f64>() / density.len() as f64;
+    let mass = mean * space.box_volume() / space.velocity_box_volume();
     (space.box_volume() * square).sqrt() / mass
 }
 

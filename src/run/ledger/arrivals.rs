@@ -164,7 +164,7 @@ fn field_error(
     let step = all.iter().map(Vec::len).max().unwrap_or(0).div_ceil(most);
     // Each replicate begins with another one, as arrivals are in the order of a curve.
     let some = |(replicate, of): (usize, &Vec<ArrivedParticle>)| {
-        of.iter().skip(replicate * step / all.len()).step_by(step.max(1)).copied().collect()
+        of.iter().skip(replicate * step / all.len()).step_by(step).copied().collect()
     };
     let chosen: Vec<Vec<ArrivedParticle>> = all.iter().enumerate().map(some).collect();
     let mut values = values_at(world, result, &chosen.concat()).into_iter();

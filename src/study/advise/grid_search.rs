@@ -379,9 +379,11 @@ impl<'t, 'a> GridSearch<'t, 'a> {
             sequence.shapes.insert(0, half);
             sequence.found.insert(0, found);
         }
-        let to_finest = |shape: &Vec<usize>| self.trials.distance_to_finest(scheme, shape);
-        sequence.to_finest =
-            sequence.shapes.iter().map(|shape| to_finest(shape).unwrap_or(0.0)).collect();
+        if !exact {
+            let to_finest = |shape: &Vec<usize>| self.trials.distance_to_finest(scheme, shape);
+            let distances = sequence.shapes.iter().map(|shape| to_finest(shape).unwrap_or(0.0));
+            sequence.to_finest = distances.collect();
+        }
         Ok(sequence)
     }
 

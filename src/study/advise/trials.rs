@@ -30,8 +30,8 @@ const FOR_REDUCTION: f64 = 0.25;
 /// particle is traced back.
 const UPDATES_PER_FORMULA: f64 = 8.0;
 const UPDATES_PER_SEGMENT: f64 = 12.0;
-/// Cells for each unknown of space over which densities are averaged to be compared.
-const FINER_CELLS: usize = 2;
+/// Cells for each node of an element over which densities are averaged to be compared.
+const CELLS_PER_NODE: usize = 2;
 /// Particles that are traced to count the parts of their paths.
 const TRACED: usize = 200;
 
@@ -41,11 +41,10 @@ type TrialGrid = (SchemeChoice, Vec<usize>);
 /// The result of a trial.
 #[derive(Clone)]
 pub struct TrialResult {
-    /// The density on all of space, averaged over equal cells, one for each unknown of space.
+    /// The density on all of space, averaged over equal cells: along axes of a degree above 0,
+    /// [`CELLS_PER_NODE`] for each node, as what an element misses between its nodes is an error,
+    /// too.
     pub density: Vec<f64>,
-    /// The same, averaged over [`FINER_CELLS`] cells for each unknown of an axis of a degree above
-    /// 0: what an element misses between its nodes is an error, too.
-    fine_density: Vec<f64>,
     /// Relative L1 error by quadrature in the elements, with degree 1 and more, if an exact
     /// solution is known.
     error: Option<f64>,
@@ -301,14 +300,13 @@ impl<'a> Trials<'a> {
         let exact = self.exact.clone().filter(|_| compared);
         let found = trial(self.world, &Case { exact, ..case.clone() })?;
         let group = self.world.group();
-        let density = density_of(&group, &case.space, &found, 1)?;
-        let fine_density = density_of(&group, &case.space, &found, FINER_CELLS)?;
+        let density = density_of(&group, &case.space, &found, CELLS_PER_NODE)?;
         let [result, solve] = [found.seconds, found.summary.solve_seconds].map(|s| group.max(s));
         let seconds = TrialSeconds { result, solve, total: result };
         self.cost.learn(&self.merged(case), &found.plan, seconds);
         let spread = spread(&group, &case.space, &found, &density);
         let error = found.summary.error_density_l1_relative;
-        Ok(TrialResult { density, fine_density, error, seconds: result, spread })
+        Ok(TrialResult { density, error, seconds: result, spread })
     }
 
     /// Tries `target`, which is `scheme` on `shape` by modes, and counts as this many `updates`, if
@@ -383,6 +381,9 @@ impl<'a> Trials<'a> {
     /// or if this one was not made.
     pub fn distance_to_finest(&self, scheme: SchemeChoice, shape: &[usize]) -> Option<f64> {
         let this = (scheme, shape.to_vec());
+        if !self.done.contains_key(&this) {
+            return None;
+        }
         let nodes = self.nodes(&this);
         let finer = |other: &&TrialGrid| {
             let of_scheme = SchemeChoice { flux: scheme.flux, ..other.0 } == scheme;
@@ -393,7 +394,7 @@ impl<'a> Trials<'a> {
         };
         let size = |other: &&TrialGrid| self.nodes(other).into_iter().product::<usize>();
         let finest = self.done.keys().filter(finer).max_by_key(size)?;
-        self.done.contains_key(&this).then(|| self.distance_of(&this, finest))
+        Some(self.distance_of(&this, finest))
     }
 
     /// The numbers of nodes along each axis.
@@ -406,11 +407,11 @@ impl<'a> Trials<'a> {
     fn distance_of(&self, coarse: &TrialGrid, fine: &TrialGrid) -> f64 {
         let cells = |trial: &TrialGrid| -> Vec<usize> {
             let axes = self.degree_case(trial.0).base.space.x.iter().zip(self.nodes(trial));
-            let finer = |axis: &Axis| if axis.nodes.degree > 0 { FINER_CELLS } else { 1 };
-            axes.map(|(axis, nodes)| finer(axis) * nodes).collect()
+            let of_node = |axis: &Axis| if axis.nodes.degree > 0 { CELLS_PER_NODE } else { 1 };
+            axes.map(|(axis, nodes)| of_node(axis) * nodes).collect()
         };
-        let finer = averaged(&self.done[fine].fine_density, &cells(fine), &cells(coarse));
-        distance(&self.done[coarse].fine_density, &finer)
+        let finer = averaged(&self.done[fine].density, &cells(fine), &cells(coarse));
+        distance(&self.done[coarse].density, &finer)
     }
 }
 
