@@ -31,7 +31,7 @@ const FOR_REDUCTION: f64 = 0.25;
 const UPDATES_PER_FORMULA: f64 = 8.0;
 const UPDATES_PER_SEGMENT: f64 = 12.0;
 /// Cells for each node of an element over which densities are averaged to be compared.
-const CELLS_PER_NODE: usize = 2;
+pub const CELLS_PER_NODE: usize = 2;
 /// Particles that are traced to count the parts of their paths.
 const TRACED: usize = 200;
 
