@@ -235,7 +235,7 @@ impl GridSpectrum {
             "{label} ({} unknowns, {steps} Lanczos steps)\n  \
              measured         lambda+ {} {}, lambda- {} {}\n  \
              Gershgorin       lambda+ <= {}, lambda- <= {}\n  \
-             certificate      lambda+ <= {}\n  \
+             certificate      lambda+ <= {}{}\n  \
              a run relies on  lambda+ <= {}, lambda- <= {}\n  \
              sqrt(pi)         {} to {}, max/min {:.4}, {} sweeps\n",
             self.unknowns,
@@ -246,6 +246,7 @@ impl GridSpectrum {
             number(self.gershgorin[1]),
             number(-self.gershgorin[0]),
             number(self.certificate),
+            if self.system == MeasuredSystem::Enlarged { " (of A alone)" } else { "" },
             number(self.growth),
             number(self.decay),
             number(self.sqrt_pi[1]),

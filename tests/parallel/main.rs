@@ -9,6 +9,7 @@
 mod assembly;
 mod bits;
 mod classical;
+mod collectives;
 mod controls;
 mod dense_twins;
 mod exact;
@@ -77,6 +78,7 @@ checks! {
     quantum::norm_of_the_state on EVERY;
     warped::warped_file on EVERY;
     warped::warped_files_refused on EVERY;
+    collectives::few_reductions on EVERY;
     assembly::matrix_entry_for_entry on EVERY;
     assembly::application_of_all_parts on EVERY;
     assembly::adjoint on EVERY;

@@ -28,13 +28,13 @@ use std::path::{Path, PathBuf};
 const ANYWHERE: ReadingDomain = ReadingDomain { point: 0.0, ends: [0.0; 2] };
 
 /// A directory that all ranks share, deleted when the value is dropped.
-struct SharedDirectory {
+pub struct SharedDirectory {
     _directory: Option<tempfile::TempDir>,
-    path: PathBuf,
+    pub path: PathBuf,
 }
 
 impl SharedDirectory {
-    fn new(group: &Group) -> Self {
+    pub fn new(group: &Group) -> Self {
         let directory = (group.rank() == 0).then(|| tempfile::tempdir().expect("a directory"));
         let name = directory.as_ref().map(|d| d.path().display().to_string());
         Self { path: group.broadcast_text(&name.unwrap_or_default()).into(), _directory: directory }
