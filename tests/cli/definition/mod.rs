@@ -288,6 +288,16 @@ impl Scene {
         values.fold(0.0, f64::max) * finest.fold(0.0, f64::max)
     }
 
+    /// The rate at which the fastest particles cross a cell: the scale of the rounding errors of
+    /// entries that cancel, as those of a periodic axis of one cell do.
+    pub fn transport_scale(&self) -> f64 {
+        let rates = self.space.iter().zip(&self.velocity).map(|(x, v)| {
+            let fastest = v.lower.abs().max(v.upper.abs());
+            fastest / x.width()
+        });
+        rates.fold(0.0, f64::max)
+    }
+
     /// The semi-discrete system of the scene.
     pub fn system(&self) -> System {
         let axes = 0..2 * self.space.len();

@@ -64,7 +64,7 @@ fn exported_as_defined(
     let size = system.inflow.len();
     near("unknowns", b.len() as f64, size as f64, 0.0)?;
     // The scale of the rounding errors of entries and of differences of V.
-    let largest = system.generator.largest() + scene.force_scale();
+    let largest = system.generator.largest().max(scene.transport_scale()) + scene.force_scale();
     let mut worst: f64 = 0.0;
     let mut compare = |what: &dyn Fn() -> String, found: f64, expected: f64, scale: f64| {
         worst = worst.max((found - expected).abs() / scale);
