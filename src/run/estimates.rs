@@ -21,7 +21,7 @@ use crate::matrix::observables::{CellVolumes, VelocityFactors};
 use crate::matrix::projection::legendre_transform;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::{Block, LocalIndex};
-use crate::problem::case::{Case, Data};
+use crate::problem::case::Case;
 use crate::problem::grid::{Cell, PhaseSpace};
 use crate::propagate::limiter::half_difference;
 use crate::scheme::rows::Scheme;
@@ -45,7 +45,7 @@ const RATIO_OF_DEGREE_1: f64 = 0.5;
 /// If `V` is not finite.
 pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2]> {
     let space = &prepared.case.space;
-    if !matches!(prepared.case.data, Data::Density) {
+    if prepared.case.is_measure_valued() {
         return Ok([None; 2]);
     }
     // Memory that the solve freed goes back before the vectors of the estimate are allocated.

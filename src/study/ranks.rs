@@ -13,7 +13,7 @@ use crate::base::text::{bytes_text, counted, joined, shortened, time_text};
 use crate::plan::Plan;
 use crate::plan::advice::MachineNode;
 use crate::problem::case::Case;
-use crate::study::calibrate::Calibration;
+use crate::study::calibrate::CalibratedRun;
 use serde::Serialize;
 use std::fmt;
 
@@ -27,18 +27,10 @@ const ON_BLOCKS: [&str; 4] = ["assemble", "weights", "probe", "verify"];
 /// Steps that all ranks share.
 const SHARED: [&str; 2] = ["exact", "observables"];
 
-/// A run whose seconds were measured. Seconds on other numbers of ranks follow by scaling.
-pub struct CalibratedRun<'a> {
-    /// The plan.
-    pub plan: &'a Plan,
-    /// Calibration of the run.
-    pub calibration: &'a Calibration,
-}
-
-impl CalibratedRun<'_> {
+impl CalibratedRun {
     /// The seconds of a run on another `plan` of the same `case`.
     fn seconds(&self, case: &Case, plan: &Plan) -> f64 {
-        let (from, to) = (RankLoad::new(case, self.plan), RankLoad::new(case, plan));
+        let (from, to) = (RankLoad::new(case, &self.plan), RankLoad::new(case, plan));
         let scaled = |(name, seconds): (&String, &f64)| match name.as_str() {
             "solve" => seconds * to.cost / from.cost,
             name if ON_BLOCKS.contains(&name) => seconds * to.rows / from.rows,
@@ -146,7 +138,7 @@ impl RankTable {
         case: &Case,
         choices: Vec<RankChoice>,
         one: &Plan,
-        reference: Option<&CalibratedRun<'_>>,
+        reference: Option<&CalibratedRun>,
     ) -> Result<Self> {
         let time_of = |plan: &Plan| match reference {
             Some(reference) => reference.seconds(case, plan),

@@ -9,7 +9,6 @@
 //! finite: the error is that of the first box.
 
 use crate::base::error::Result;
-use crate::base::row_major::number;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::sheet::sums::{Deposit, ExactMoments, Line, SheetSums};
@@ -53,26 +52,25 @@ pub fn exact_moments(
 struct CellOwners {
     rank: usize,
     /// The rank of each cell, row-major.
-    of: Vec<u32>,
+    rank_of_cell: Vec<u32>,
 }
 
 impl CellOwners {
     fn new(group: &Group, space: &PhaseSpace, share: &[Range<usize>]) -> Self {
         let ends: Vec<u64> = share.iter().flat_map(|r| [r.start as u64, r.end as u64]).collect();
         let all = group.exchanged(&vec![ends; group.size()]);
-        let mut of = vec![0; space.space_cells()];
+        let mut rank_of_cell = vec![0; space.space_cells()];
         for (rank, ends) in all.iter().enumerate() {
             let share: Vec<_> = ends.chunks(2).map(|e| e[0] as usize..e[1] as usize).collect();
             for_each_cell(&share, |i| {
-                let cell = number(space.x.iter().map(|axis| axis.cells), i.iter().copied());
-                of[cell] = rank as u32;
+                rank_of_cell[space.space_index(i)] = rank as u32;
             });
         }
-        Self { rank: group.rank(), of }
+        Self { rank: group.rank(), rank_of_cell }
     }
 
     fn mine(&self, deposit: &Deposit) -> bool {
-        self.of[deposit.cell] as usize == self.rank
+        self.rank_of_cell[deposit.cell] as usize == self.rank
     }
 }
 
@@ -115,7 +113,7 @@ impl BoxRound<'_> {
         let n = self.case.space.dimension();
         let mut messages = vec![Vec::new(); group.size()];
         for deposit in &found.deposits {
-            let message = &mut messages[owners.of[deposit.cell] as usize];
+            let message = &mut messages[owners.rank_of_cell[deposit.cell] as usize];
             message.extend([deposit.number as u64, deposit.cell as u64, deposit.mass.to_bits()]);
             message.extend(deposit.momentum[..n].iter().map(|p| p.to_bits()));
         }

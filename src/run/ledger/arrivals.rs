@@ -17,7 +17,7 @@
 
 use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, Data};
+use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, coordinate, for_each_cell};
 use crate::results::accuracy::ParticleErrors;
 use crate::results::ledger::STANDARD_ERRORS;
@@ -114,7 +114,7 @@ impl Arrivals {
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
     pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
-        let is_density = matches!(result.case.data, Data::Density);
+        let is_density = !result.case.is_measure_valued();
         let [field, field_mean] = match is_density {
             true => field_error(world, result, &self.by_replicate),
             false => [None; 2],

@@ -2,8 +2,9 @@
 
 use crate::base::error::Result;
 use crate::study::advise::scheme::SchemeChoice;
-use crate::study::advise::trials::{Trials, cells};
+use crate::study::advise::trials::Trials;
 use crate::study::grids::Grids;
+use crate::study::grids::cells;
 use crate::study::order::{Order, OrderRange};
 use serde::Serialize;
 
@@ -37,7 +38,7 @@ pub struct MeasuredGrid {
 }
 
 /// The evidence for an error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Evidence {
     /// Compared with the exact solution.
@@ -45,6 +46,7 @@ pub enum Evidence {
     /// Compared with a grid twice as fine, by Richardson's estimate.
     Estimated,
     /// Extrapolated from coarser grids by the order.
+    #[default]
     Extrapolated,
 }
 

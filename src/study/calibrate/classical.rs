@@ -18,7 +18,7 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
     let (case, world) = (&*case, &communicator.world);
     let fields = case.fields.len();
     let mut trial = |part: usize| -> Result<TimedWork> {
-        let shortened = of_part(case, part);
+        let shortened = cut_in_time(case, part);
         let (legs, steps) = (shortened.legs(), classical_steps(&shortened, &plan.bounds));
         world.barrier();
         let started = Instant::now();
@@ -42,7 +42,7 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
 }
 
 /// `case` with every leg cut down to `part` of [`PARTS`] equal parts.
-fn of_part(case: &Case, part: usize) -> Case {
+fn cut_in_time(case: &Case, part: usize) -> Case {
     let fraction = part as f64 / PARTS as f64;
     let mut case = case.clone();
     let begin = case.begin;

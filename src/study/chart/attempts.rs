@@ -225,7 +225,7 @@ impl<'a> Attempts<'a> {
         }
         if self.with_known_reduction(case).is_none() {
             let least = self.least_seconds(case);
-            if self.budget.decide(self.too_late(&case.space, setup, least)) {
+            if self.budget.decide(self.cannot_be_reduced(&case.space, setup, least)) {
                 return Ok(TrialOutcome::longer_than(least));
             }
         }
@@ -272,7 +272,7 @@ impl<'a> Attempts<'a> {
     /// Whether a trial of `seconds` fits into the budget. The first result may take all of it.
     fn fits(&self, setup: &Setup, seconds: f64) -> bool {
         if !self.has_results() {
-            return self.budget.holds_first(seconds);
+            return self.budget.fits_first(seconds);
         }
         let limit = self.budget.limit();
         let room = self.elapsed() + MARGIN * seconds <= limit;
@@ -305,7 +305,7 @@ impl<'a> Attempts<'a> {
     }
 
     /// Whether there is no time to reduce the grid of `case`, or its trial takes too long anyway.
-    fn too_late(&self, space: &PhaseSpace, setup: &Setup, least: f64) -> bool {
+    fn cannot_be_reduced(&self, space: &PhaseSpace, setup: &Setup, least: f64) -> bool {
         let seconds = self.reducing.seconds_per_cell * space.cells() as f64;
         // A grid no larger than those reduced so far is always reduced: else few methods are tried.
         let fewest = self.reduced_grids.iter().map(|grid| grid.key.cells()).min();

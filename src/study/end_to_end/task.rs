@@ -27,9 +27,6 @@ use std::cell::RefCell;
 
 /// Parts of the error: for the grid, the evolution, the measurement.
 const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
-/// Units of progress of the trials of a scheme, and of its price.
-pub(super) const UNITS_OF_TRIALS: usize = 1;
-pub(super) const UNITS_OF_PRICE: usize = 1;
 /// The source of the tolerance of a state, in labels.
 const SPREAD: &str = "measured ratio of the relative errors of the density and of f";
 /// The source of the numbers of a grid method, in labels.
@@ -62,9 +59,9 @@ struct StateOfMethod {
 }
 
 impl DensityTask<'_> {
-    /// Counts `units` units as done.
-    pub fn advance(&self, units: usize) {
-        self.progress.borrow_mut().advance(units);
+    /// Counts a unit as done: the trials of a scheme, or its price.
+    pub fn advance(&self) {
+        self.progress.borrow_mut().advance(1);
     }
 
     /// The quantum method by the degree that takes the fewest gates. Collective.
@@ -79,7 +76,7 @@ impl DensityTask<'_> {
                 Err(why) => Err(why.clone()),
             };
             let found = found.unwrap_or_else(|why| QuantumMethod::unavailable(name, &why));
-            self.advance(UNITS_OF_PRICE);
+            self.advance();
             degrees.push(DegreeCost {
                 degree: *degree,
                 order: found.order,
@@ -221,7 +218,7 @@ impl DensityTask<'_> {
         /// Products, quotients and roots of a segment of a trace, and of the initial formula.
         const OF_SEGMENT: f64 = 5.0;
         const OF_FORMULA: f64 = 10.0;
-        const WHY: &str = "5 products of b bits a leg and 10 for f(0), b^2 Toffoli gates each, \
+        const WHY: &str = "5 products of b bits a segment and 10 for f(0), b^2 Toffoli gates each, \
                            computed and uncomputed; b = log2(1/eps) + 10";
         const ROOM: &str = "b bits for each coordinate, the time and every product, kept until \
                             uncomputed, and the register of the estimation";

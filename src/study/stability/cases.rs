@@ -4,7 +4,6 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method};
-use crate::problem::potential::unresolved_regions;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::study::grids::{grid_name, stray_edges};
@@ -30,9 +29,9 @@ pub fn grid_notes(case: &Case, used: &Case) -> Vec<String> {
     let mut notes = Vec::new();
     if shape != coarse {
         notes.push(format!("measured on {coarse} instead of {shape}"));
-    }
-    if stray_edges(used) > unresolved_regions(case).edges.len() {
-        notes.push("the edges of V lie on other faces there".to_owned());
+        if stray_edges(used) > stray_edges(case) {
+            notes.push("the edges of V lie on other faces there".to_owned());
+        }
     }
     notes
 }

@@ -80,7 +80,7 @@ impl IntervalTrials {
         let Self { reference, extent, profile, .. } = self;
         let points = points(profile, ends[1] - ends[0]);
         let series = Series::sampled(ends, points, |p| profile.value(p));
-        if !task.budget.holds(reference.updates(&series)?, 1.0) {
+        if !task.budget.fits_count(reference.updates(&series)?, 1.0) {
             return Ok(None);
         }
         let errors = reference.errors(&series, &[0.0])?;
