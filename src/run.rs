@@ -23,6 +23,7 @@ mod history;
 pub mod ledger;
 mod log;
 mod modes;
+pub mod norms;
 pub mod options;
 pub mod planning;
 mod positive;

@@ -107,7 +107,12 @@ pub struct MomentsOf<'a> {
     pub least: f64,
 }
 
-impl MomentsOf<'_> {
+impl<'a> MomentsOf<'a> {
+    /// The data for moments on a block of `space` whose cells have the weights `pi`.
+    pub fn new(space: &PhaseSpace, factors: &'a VelocityFactors, pi: &'a [f64]) -> Self {
+        Self { factors, pi, least: space.least_relative_volume().min(1.0) }
+    }
+
     /// Number of moments at a point in `n` dimensions: density, momenta, energy.
     pub fn count(&self) -> usize {
         self.factors.dimension() + 2

@@ -264,9 +264,7 @@ fn by_coefficients(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
     let of = |space: &PhaseSpace, values: &[f64]| -> f64 {
         let mut squares = CoefficientSquares::default();
         for_each_element(space, share, |element| {
-            let mut nodal = vec![0.0; element.shape().iter().product()];
-            element.for_each_cell(share, |cell, node| nodal[node] = values[cell]);
-            squares.add(&nodal, &all[..space.axes().count()]);
+            squares.add(&element.nodal(share, values), &all[..space.axes().count()]);
         });
         squares.error(world)
     };

@@ -14,12 +14,13 @@ use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::sheet::sums::ExactMoments;
-use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::results::dataset::ExactSolution;
 use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use crate::solve::rank_cells::RankCells;
+use std::ops::Range;
 use std::time::Instant;
 
 /// The exact solution of a run on a rank's share.
@@ -188,9 +189,7 @@ fn at_time(
             (moments, errors)
         }
         None => {
-            let mut cells = Vec::new();
-            for_each_cell(&rank_cells.share, |cell| cells.push(*cell));
-            let found = integrals.on_cells(case, &cells);
+            let found = integrals.on_cells(case, &cells(&rank_cells.share));
             let errors = found.iter().map(|integral| integral.error).collect();
             let moments = found.into_iter().map(|integral| integral.moments);
             (Moments::new(world, n, moments), errors)
@@ -199,13 +198,20 @@ fn at_time(
     Ok(AtTime { exact: ExactSolution::Field(values), moments, density_errors })
 }
 
+/// The space cells of a box, row-major.
+fn cells(ranges: &[Range<usize>]) -> Vec<[usize; MAX_DIMENSION]> {
+    let mut cells = Vec::new();
+    for_each_cell(ranges, |cell| cells.push(*cell));
+    cells
+}
+
 /// The exact density at the end, averaged over equal cells of space, as many as `case` has. The
 /// same on all ranks. Collective.
 ///
 /// # Errors
 /// If the exact solution is not finite.
 pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
-    let mut share: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
+    let mut share = case.space.space_ranges();
     share[0] = split(&share[0], group.size(), group.rank());
     if let Some(moments) = exact_moments(group, case, &share)? {
         // The share is a range of the row-major cells.
@@ -222,9 +228,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     let x = case.space.x.iter().map(equal).collect();
     let case = Case { space: PhaseSpace { x, ..case.space.clone() }, ..case.clone() };
     let integrals = VelocityIntegrals::on_grid(group, &values_of, &case, case.end);
-    let ranges: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
-    let mut cells = Vec::new();
-    for_each_cell(&ranges, |cell| cells.push(*cell));
+    let cells = cells(&case.space.space_ranges());
     let mine = split(&(0..cells.len()), group.size(), group.rank());
     let mut density = vec![0.0; cells.len()];
     let found = integrals.on_cells(&case, &cells[mine.clone()]);

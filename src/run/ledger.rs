@@ -69,14 +69,15 @@ pub struct LedgerBeforeRun {
 /// # Errors
 /// If `V` is not finite.
 pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
-    let LedgerBeforeRun { mut ledger, mut arrivals } = LedgerBeforeRun::default();
+    let mut found = LedgerBeforeRun::default();
+    let ledger = &mut found.ledger;
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \
              {MOST_EXAMINED} are examined",
             case.space.space_cells()
         ));
-        return Ok(LedgerBeforeRun { ledger, arrivals });
+        return Ok(found);
     }
     ledger.regions = regions(case);
     ledger.jumps = jumps(&case.space, &Potential::whole(case)?);
@@ -87,16 +88,16 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
         ledger.omitted.push(why);
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
-        let found = estimate(world, case, &tracer, &mut ledger);
+        let arrivals = estimate(world, case, &tracer, ledger);
         if tracer.is_accurate() {
-            arrivals = found;
+            found.arrivals = arrivals;
         }
     }
     if case.is_measure_valued() {
         let why = "mass that entered: with measure-valued data it is not linear in the fields";
-        ledger.omitted.push(why.into());
+        found.ledger.omitted.push(why.into());
     }
-    Ok(LedgerBeforeRun { ledger, arrivals })
+    Ok(found)
 }
 
 /// The widths of the regions between other regions.

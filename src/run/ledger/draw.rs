@@ -11,10 +11,11 @@
 //! N. Chopin, N. Whiteley, "Negative association, ordering and convergence of resampling methods",
 //! Ann. Statist. 47, 2019.) In the order of the sequence, every `j`-th point may lie on few lines.
 
+use crate::base::random::uniform;
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{AxisEnd, MAX_DIMENSION, PhaseSpace, coordinate};
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_chacha::rand_core::SeedableRng;
 
 /// Independent replicates of each source.
 pub const REPLICATES: usize = 16;
@@ -103,16 +104,14 @@ impl SampleSequence {
     /// The sequence of the replicate with this `seed` in `dimensions` dimensions.
     pub fn new(dimensions: usize, seed: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        // 53 bits, in [0, 1).
-        let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
         let mut root: f64 = 2.0;
         for _ in 0..64 {
             root = (1.0 + root).powf(1.0 / (dimensions + 1) as f64);
         }
         Self {
-            shift: (0..dimensions).map(|_| uniform()).collect(),
+            shift: (0..dimensions).map(|_| uniform(&mut random)).collect(),
             step: (1..=dimensions).map(|i| root.powi(-(i as i32))).collect(),
-            offset: uniform(),
+            offset: uniform(&mut random),
         }
     }
 

@@ -2,9 +2,8 @@
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
-use crate::propagate::classical::{Classical, classical_steps};
+use crate::propagate::classical::{Classical, ClassicalSpan, classical_steps};
 use crate::propagate::limiter::Reconstruction;
-use crate::run::classical::{Integration, integrate};
 use crate::solve::prepared::Prepared;
 use crate::study::calibrate::timing::{PARTS, SolveTime, TimedWork, line};
 use std::time::Instant;
@@ -28,8 +27,8 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
                 Classical::of(case, &system.matrix, &system.weights.pi).with_slopes(slopes);
             let mut state = start.clone();
             for (&time, &steps) in legs.iter().zip(&steps) {
-                let span = Integration { case: &shortened, rate: plan.bounds.rate, time, steps };
-                integrate(&mut classical, &mut system.exchange, span, &mut state);
+                let span = ClassicalSpan { rate: plan.bounds.rate, time };
+                classical.integrate(&mut system.exchange, &shortened, span, steps, &mut state);
             }
         }
         let seconds = world.max(started.elapsed().as_secs_f64());
