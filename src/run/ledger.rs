@@ -459,3 +459,23 @@ impl Ledger {
         };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What leaves through one end does not leave through another: their errors cancel within a
+    /// source, and those of sources add in quadrature.
+    #[test]
+    fn errors_of_ends_are_those_of_their_sum() {
+        let estimate = |left: f64| {
+            let mut error = ParticleTally { left, ..ParticleTally::default() };
+            (error.outflow[0], error.outflow[1]) = (1.0, 1.0);
+            TallyEstimate { mean: ParticleTally::default(), error }
+        };
+        let end = AxisEnd { axis: 0, upper: true };
+        let sources =
+            SourceEstimates { initial: estimate(0.3), entering: vec![(end, estimate(0.4))] };
+        assert!((sources.error_of_outflow() - 0.5).abs() < 1e-15);
+    }
+}

@@ -112,11 +112,7 @@ impl DensityTask<'_> {
         let target = on_grid(&scheme, &shape);
         let bounds = Bounds::new(&target)?;
         let accesses = &self.accesses(&target, &bounds, &prepared, factor, tolerance / ratio);
-        let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
-        let velocities = target.space.velocity_cells() as f64;
-        let prefactor =
-            target.space.velocity_box_volume() / velocities.sqrt() * norms.field * scale;
-        let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
+        let overlap_error = self.overlap_error(&target, &scheme, norms.field);
         let state = match bounds.is_skew() {
             true => StateOfMethod::of_one_mode(tolerance),
             false => self.cheapest_state(&target, &bounds, ratio, norms, accesses)?,
@@ -149,6 +145,15 @@ impl DensityTask<'_> {
             cost: Some(cost),
             ..QuantumMethod::unavailable(name, "")
         })
+    }
+
+    /// The error that the overlap may have whose multiple is the density on the grid of `target`.
+    /// `norm` is that of the field on the grid of `scheme`.
+    fn overlap_error(&self, target: &Case, scheme: &Case, norm: f64) -> f64 {
+        let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
+        let velocities = target.space.velocity_cells() as f64;
+        let prefactor = target.space.velocity_box_volume() / velocities.sqrt() * norm * scale;
+        PARTS[2] * self.accuracy * self.density / prefactor
     }
 
     /// Accesses to the `H` of `target`, which is `factor` times finer than the grid of `prepared`,

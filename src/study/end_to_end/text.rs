@@ -141,17 +141,9 @@ impl QuantumMethod {
             QuantumName::Dissipative | QuantumName::OverCharacteristics => "upwind",
         }
     }
-}
 
-impl fmt::Display for QuantumMethod {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", word(&self.name).to_uppercase())?;
-        // Degrees that have no number for the same reason are in one line.
-        let alike =
-            |a: &DegreeCost, b: &DegreeCost| a.why_not().is_some() && a.why_not() == b.why_not();
-        for degrees in self.degrees.chunk_by(alike) {
-            degrees_line(f, degrees)?;
-        }
+    /// The grids with their errors, the one needed, and how degree and profile were chosen there.
+    fn grid_lines(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (grid, error) in self.grids.iter().zip(&self.errors) {
             writeln!(f, "  {:<24}relative L1 error of the density {error:.3e}", shape_text(grid))?;
         }
@@ -172,6 +164,20 @@ impl fmt::Display for QuantumMethod {
             let profile = profile.unwrap_or_else(|| "none: one mode, no p".to_owned());
             writeln!(f, "  {:<24}{degree}\n  {:<24}{profile}", "degree", "profile")?;
         }
+        Ok(())
+    }
+}
+
+impl fmt::Display for QuantumMethod {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", word(&self.name).to_uppercase())?;
+        // Degrees that have no number for the same reason are in one line.
+        let alike =
+            |a: &DegreeCost, b: &DegreeCost| a.why_not().is_some() && a.why_not() == b.why_not();
+        for degrees in self.degrees.chunk_by(alike) {
+            degrees_line(f, degrees)?;
+        }
+        self.grid_lines(f)?;
         if let Some(segments) = self.segments {
             writeln!(
                 f,
