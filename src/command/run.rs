@@ -40,10 +40,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     if case.method != Method::Schrodingerized {
         machine::begin(RunPart::Classical);
     }
-    let damaged = |damage: &Error| {
-        format!("--resume: {damage}: the finished run is damaged and is computed anew")
-    };
-    if args.resume && run::is_done_removing_rest(world, &directory, &case, damaged) {
+    if args.resume && run::is_done_removing_rest(world, &directory, &case, damage_warning) {
         let shown = directory.display();
         print(world, &format!("--resume: the run is finished; results in {shown}"));
         for line in run::lines_about_errors(world, &directory, case.strict)? {
@@ -78,6 +75,11 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         print(world, &line);
     }
     Ok(())
+}
+
+/// The warning of damaged results, where `--resume` looks for finished ones.
+fn damage_warning(damage: &Error) -> String {
+    format!("--resume: {damage}: the finished run is damaged and is computed anew")
 }
 
 /// The case to run, and the directory of its results.

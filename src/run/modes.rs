@@ -59,14 +59,7 @@ pub(crate) fn by_modes(
     let left = cost_left(&plan.layout.groups[communicator.modes.rank()], stages, resumed.as_ref());
     let mut progress = Progress::new(*prints, "modes", left * fields / stages);
     let modes: Vec<Vec<usize>> = plan.layout.modes();
-    let spread = Spread {
-        communicator,
-        space: &case.space,
-        block: &rank_cells.block,
-        modes: &modes,
-        pi: &system.weights.pi[..rank_cells.block.cells()],
-        buffers: BUFFERS,
-    };
+    let spread = spread(communicator, case, rank_cells, &modes, &system.weights.pi);
     let planned = DistributedModes { case, plan, warp, spread: &spread };
     let mut start = ModeStart::new(planned, system)?;
     if let Some(checkpointing) = &mut checkpointing {
@@ -97,6 +90,18 @@ pub(crate) fn by_modes(
     drop(start.kept);
     let warning = start.begun.and_then(|begun| begun.warning);
     Ok(Some(SolvedFields { warning, ..unweighted(prepared, recovered, summary) }))
+}
+
+/// The distribution of `modes` and of cells with the weights `pi` over the ranks.
+fn spread<'a>(
+    communicator: &'a Communicator,
+    case: &'a Case,
+    rank_cells: &'a RankCells,
+    modes: &'a [Vec<usize>],
+    pi: &'a [f64],
+) -> Spread<'a> {
+    let (space, block) = (&case.space, &rank_cells.block);
+    Spread { communicator, space, block, modes, pi: &pi[..block.cells()], buffers: BUFFERS }
 }
 
 /// A case that is solved by modes, its plan, and the distribution of its modes and cells.

@@ -44,8 +44,9 @@ pub fn refuse_slow_grid(world: &World, case: &Case, limit: f64) -> Result<()> {
 ///
 /// [`fits_count`](Self::fits_count) goes by counted updates alone. [`fits`](Self::fits) goes by
 /// both measures, the count and rank 0's clock. [`fits_first`](Self::fits_first) goes by this
-/// rank's clock, [`has_time_for`](Self::has_time_for) by rank 0's. [`recount`](Self::recount) allows
-/// for updates by the clock, and [`seconds_for`](Self::seconds_for) turns updates into seconds.
+/// rank's clock, [`has_time_for`](Self::has_time_for) by rank 0's.
+/// [`recount`](Self::recount) allows for updates by the clock, and
+/// [`seconds_for`](Self::seconds_for) turns updates into seconds.
 pub struct Budget {
     all: Group,
     started: Instant,

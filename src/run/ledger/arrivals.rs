@@ -132,9 +132,9 @@ impl GatheredArrivals {
         Some(difference / size).filter(|error| error.is_finite())
     }
 
-    /// `‖f_h − f‖ / ‖f‖` in L2, where `f ≠ 0`: less the scatter, and the mean if its scatter is small.
-    /// Along axes of degree 0 beside others `f_h` varies between centres by another rule than where
-    /// errors are measured, so that there is no mean. Collective.
+    /// `‖f_h − f‖ / ‖f‖` in L2, where `f ≠ 0`: less the scatter, and the mean if its scatter is
+    /// small. Along axes of degree 0 beside others `f_h` varies between centres by another rule
+    /// than where errors are measured, so that there is no mean. Collective.
     fn field_error(&self, world: &Group, result: &ComparedResult<'_>) -> [Option<f64>; 2] {
         let all = &self.by_replicate;
         let space = &result.case.space;
@@ -178,8 +178,8 @@ impl GatheredArrivals {
         ((mass - expected).abs() - STANDARD_ERRORS * scatter).max(0.0)
     }
 
-    /// The relative L1 error of a `density` on the share of `result`, by the masses in parts of space and in all of it.
-    /// Collective.
+    /// The relative L1 error of a `density` on the share of `result`, by the masses in parts of
+    /// space and in all of it. Collective.
     pub fn error_of(
         &self,
         world: &Group,

@@ -91,7 +91,7 @@ mod tests {
             { x = { lower = -1, upper = 1, cells = 20 }, v = { lower = -1, upper = 1, cells = 20 } }
             ]
             potential = [
-            { where = "abs(x - 0.1) < 0.01", value = "0.2" }, { where = "x < 0", value = "0.1" },
+            { where = "abs(x - 0.02) < 0.01", value = "0.2" }, { where = "x < 0", value = "0.1" },
             { value = "0" }
             ]
             initial.f = "exp(-20*(x^2 + v^2))"
