@@ -19,18 +19,14 @@ use std::ops::Range;
 /// Number of words of a line in a message.
 const LINE: usize = 7;
 
-/// The exact moments of `case` at its end time on the space cells of `share`, one range an x-axis;
-/// `None` for data that are not measure-valued. The shares of all ranks are a partition of the
-/// space cells. Collective.
+/// The exact moments of `case`, whose data are measure-valued, at its end time on the space cells of
+/// `share`, one range an x-axis. The shares of all ranks are a partition of the space cells.
+/// Collective.
 ///
 /// # Errors
-/// If `V`, `density` or `velocity` is not finite.
-pub fn exact_moments(
-    group: &Group,
-    case: &Case,
-    share: &[Range<usize>],
-) -> Result<Option<ExactMoments>> {
-    let Some(mut sheets) = group.agree(Sheets::new(case))? else { return Ok(None) };
+/// As [`Sheets::new`]; if `density` or `velocity` is not finite.
+pub fn exact_moments(group: &Group, case: &Case, share: &[Range<usize>]) -> Result<ExactMoments> {
+    let mut sheets = group.agree(Sheets::new(case))?;
     let owners = CellOwners::new(group, &case.space, share);
     let mut sums = SheetSums::new(&case.space, share);
     let mut budget = sheets.budget();
@@ -45,7 +41,7 @@ pub fn exact_moments(
         }
     }
     let largest = group.max(sums.largest());
-    Ok(Some(sums.finish(largest)))
+    Ok(sums.finish(largest))
 }
 
 /// The rank of each space cell.
