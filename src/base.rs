@@ -17,6 +17,7 @@ pub mod memory;
 pub mod piecewise;
 pub mod progress;
 pub mod quadrature;
+pub mod random;
 pub mod refusal;
 pub mod row_major;
 pub mod stopwatch;

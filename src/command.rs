@@ -41,13 +41,19 @@ pub fn execute(world: &World, cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Run(args) => run::execute(world, args),
         Command::Sweep(args) => sweep::execute(world, args),
-        Command::Schema(args) => schema::execute(world, args),
+        Command::Schema(args) => {
+            schema::execute(world, args);
+            Ok(())
+        }
+        Command::Completions(args) => {
+            shell::completions(world, args);
+            Ok(())
+        }
         Command::Init(args) => init::execute(world, args),
-        Command::Completions(args) => shell::completions(world, args),
         Command::Man(args) => shell::man(world, args),
         Command::Plan(args) => plan::execute(world, args),
         Command::Check(args) => check::execute(world, args),
-        Command::CheckResult(args) => check::execute_on_result(world, args),
+        Command::CheckResult(args) => check::check_result(world, args),
         Command::Advise(args) => advise::execute(world, args),
         Command::Plot(args) => plot::execute(world, args),
         Command::Movie(args) => movie::execute(world, args),

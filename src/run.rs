@@ -23,6 +23,7 @@ mod history;
 pub mod ledger;
 mod log;
 mod modes;
+pub mod norms;
 pub mod options;
 pub mod planning;
 mod positive;
@@ -34,7 +35,7 @@ mod summarise;
 mod unresolved;
 pub mod warnings;
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
@@ -42,7 +43,7 @@ use crate::results::accuracy::Accuracy;
 use crate::results::finished;
 use crate::results::summary::{self, ContinuedResult, MissedGoals, Summary};
 use crate::run::options::{Options, Output};
-use crate::run::planning::with_start;
+use crate::run::planning::with_files_read;
 pub use crate::run::solution::Solution;
 use crate::run::steps::{Driver, StepResults};
 use serde::Deserialize;
@@ -51,33 +52,41 @@ use std::path::Path;
 /// Runs a case and writes its results into `directory`. Collective over all ranks.
 ///
 /// # Errors
-/// The first error of any rank, the same on all; [`crate::base::error::Error::Stopped`] if the run
+/// The first error of any rank, the same on all; [`Error::Stopped`] if the run
 /// stopped early and can be resumed.
 pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
     if !options.force {
         finished::refuse_to_replace(&world.group(), directory, case, options.resume)?;
     }
-    let case = &*with_start(&world.group(), case)?;
+    let case = &*with_files_read(&world.group(), case)?;
     let output = Output { directory, options };
     compute(world, case, Some(output))?.write_prepared(world, directory)
 }
 
 /// Whether `directory` holds the finished results of `case`. Damaged results count as unfinished,
-/// and are reported. Collective.
-pub fn is_done(world: &World, directory: &Path, case: &Case) -> bool {
+/// and are reported in the words of the caller: `warning` of the damage. Collective.
+pub fn is_done(
+    world: &World,
+    directory: &Path,
+    case: &Case,
+    warning: impl Fn(&Error) -> String,
+) -> bool {
     let found = finished::is_finished(&world.group(), directory, case);
     if let (Err(damage), true) = (&found, world.group().is_first()) {
-        report(&format!(
-            "warning: --resume: {damage}: the finished run is damaged and is computed anew"
-        ));
+        report(&format!("warning: {}", warning(damage)));
     }
     matches!(found, Ok(true))
 }
 
 /// As [`is_done`]. What a kill left of the checkpoints of a finished run is removed, unless another
 /// run is at work in the directory. Collective.
-pub fn is_done_and_tidy(world: &World, directory: &Path, case: &Case) -> bool {
-    let is_done = is_done(world, directory, case);
+pub fn is_done_removing_rest(
+    world: &World,
+    directory: &Path,
+    case: &Case,
+    warning: impl Fn(&Error) -> String,
+) -> bool {
+    let is_done = is_done(world, directory, case, warning);
     if is_done && world.group().is_first() {
         checkpointing::remove_rest(directory);
     }
@@ -88,7 +97,7 @@ pub fn is_done_and_tidy(world: &World, directory: &Path, case: &Case) -> bool {
 /// `solver.strict` is set. Collective.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Missed`]; [`crate::base::error::Error::Output`] if its summary
+/// [`Error::Missed`]; [`Error::Output`] if its summary
 /// cannot be read.
 pub fn refuse_missed(world: &World, directory: &Path, strict: bool) -> Result<()> {
     world.group().on_first_rank(|| {
@@ -102,7 +111,7 @@ pub fn refuse_missed(world: &World, directory: &Path, strict: bool) -> Result<()
 /// Collective.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Output`] if its summary cannot be read.
+/// [`Error::Output`] if its summary cannot be read.
 pub fn lines_about_errors(world: &World, directory: &Path, strict: bool) -> Result<Vec<String>> {
     world.group().on_first_rank(|| {
         let stored = summary::read(directory)?;
@@ -121,7 +130,7 @@ pub fn lines_about_errors(world: &World, directory: &Path, strict: bool) -> Resu
 /// # Errors
 /// The first error of any rank, the same on all.
 pub fn solve(world: &World, case: &Case) -> Result<Solution> {
-    let case = with_start(&world.group(), case)?;
+    let case = with_files_read(&world.group(), case)?;
     let case = Case {
         // Only `run` writes these files, while the modes are in memory.
         warped_field: false,

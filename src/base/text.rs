@@ -445,4 +445,11 @@ mod tests {
         let text = "[0.0,1.0,0.1,0.0001,1e-05,-2.5e-07,1000000000000000.0,1e+16,1.5e+300,3,true]";
         assert_eq!(compact(&numbers), text);
     }
+
+    #[test]
+    fn shells_get_words() {
+        assert_eq!(quoted("axis.0.x.cells=12"), "axis.0.x.cells=12");
+        assert_eq!(quoted("initial.f=exp(-x*x)"), "'initial.f=exp(-x*x)'");
+        assert_eq!(quoted("it's"), "'it'\\''s'");
+    }
 }

@@ -2,11 +2,12 @@
 
 use crate::base::error::{Error, Result};
 use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, RunArgs};
-use crate::command::loading::{key_of, load};
+use crate::command::loading::load;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
+use crate::problem::case::reader::key_of;
 use crate::study::accuracy;
-use crate::study::advise::Request;
+use crate::study::advise::AdviceRequest;
 use std::path::Path;
 use std::time::Duration;
 
@@ -65,7 +66,7 @@ pub fn with_accuracy(
     };
     refuse_chosen_keys(&changes.set)?;
     let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
-    accuracy::chosen(world, &case, Request { accuracy, budget })
+    accuracy::chosen(world, &case, AdviceRequest { accuracy, budget })
 }
 
 /// Refuses `--set` of keys that an accuracy chooses.

@@ -5,7 +5,7 @@ use crate::command::cli::AdviseArgs;
 use crate::command::loading::load;
 use crate::command::printing::print_as;
 use crate::parallel::communicator::World;
-use crate::study::advise::{Request, advise};
+use crate::study::advise::{AdviceRequest, advise};
 
 /// Prints the advice. Collective.
 ///
@@ -13,7 +13,7 @@ use crate::study::advise::{Request, advise};
 /// As [`advise`].
 pub fn execute(world: &World, args: &AdviseArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let wanted = Request { accuracy: args.accuracy, budget: args.budget.as_secs_f64() };
+    let wanted = AdviceRequest { accuracy: args.accuracy, budget: args.budget.as_secs_f64() };
     print_as(world, &advise(world, &case, wanted)?, args.json);
     Ok(())
 }

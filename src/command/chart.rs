@@ -1,9 +1,8 @@
 //! `phasewarp chart`: accuracy against cost, method by method.
 
-use crate::base::disk;
 use crate::base::error::Result;
 use crate::command::cli::ChartArgs;
-use crate::command::loading::{default_directory_of, load};
+use crate::command::loading::{load, study_directory};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::study::chart::measure;
@@ -15,10 +14,7 @@ use crate::study::chart::measure;
 /// [`crate::base::error::Error::Output`] where files cannot be written.
 pub fn execute(world: &World, args: &ChartArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);
-    let directory =
-        args.output.clone().unwrap_or_else(|| default_directory_of(&case.name, "chart"));
-    // Fails before minutes are spent on measurements.
-    all.on_first_rank(|| disk::make(&directory))?;
+    let directory = study_directory(world, args.output.as_ref(), &case.name, "chart")?;
     let chart = measure(world, &case, args.budget)?;
     all.on_first_rank(|| chart.write(&directory))?;
     print(world, &chart.to_string());

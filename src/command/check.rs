@@ -14,7 +14,7 @@ use crate::problem::case::Case;
 use crate::results::ledger::Ledger;
 use crate::results::result_grid::ResultGrid;
 use crate::results::untrusted;
-use crate::run::planning::{MeasuredCase, reduced_with_start};
+use crate::run::planning::{MeasuredCase, read_and_reduced};
 use crate::run::{ledger, warnings};
 use serde::Serialize;
 
@@ -86,7 +86,7 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
 
 fn check(world: &World, args: &CheckArgs) -> Result<()> {
     let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
-    let case = reduced_with_start(&world.group(), &case)?;
+    let case = read_and_reduced(&world.group(), &case)?;
     refuse_too_large_here(world, &case)?;
     announce_slow_steps(world, &case);
     let bounds = Bounds::new(&case)?;
@@ -144,7 +144,7 @@ fn checked<'a>(
 ///
 /// # Errors
 /// As [`untrusted::check_directory`].
-pub fn execute_on_result(world: &World, args: &CheckResultArgs) -> Result<()> {
+pub fn check_result(world: &World, args: &CheckResultArgs) -> Result<()> {
     for (path, datasets) in untrusted::check_directory(&world.group(), &args.directory)? {
         print(world, &format!("{}: {datasets} datasets as written", path.display()));
     }

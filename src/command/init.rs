@@ -6,6 +6,7 @@ use crate::base::text::quoted;
 use crate::command::cli::InitArgs;
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
+use crate::problem::grid::SPACE_NAMES;
 
 /// Grid of the written case, coarse enough for a run of seconds.
 struct StarterGrid {
@@ -55,7 +56,7 @@ pub fn text(n: usize) -> String {
     let velocity = if n == 1 { "v" } else { "vx" };
     let mut square = format!("((x + 0.5)/0.2)^2 + (({velocity} - 0.7)/0.15)^2");
     for a in 1..n {
-        let (x, v) = (["x", "y", "z"][a], ["vx", "vy", "vz"][a]);
+        let (x, v) = (SPACE_NAMES[a], ["vx", "vy", "vz"][a]);
         square += &format!(" + ({x}/0.4)^2 + ({v}/0.3)^2");
     }
     text + &format!(
@@ -86,7 +87,7 @@ pub fn text(n: usize) -> String {
 /// The table of axis `a` with these numbers of elements in space and in velocity. Only the first
 /// axis, along which `V` jumps, has ends.
 fn axis_text(a: usize, [cells, velocities]: [usize; 2]) -> String {
-    let x = ["x", "y", "z"][a];
+    let x = SPACE_NAMES[a];
     match a {
         0 => format!(
             "[[axis]]                     # one table for each space dimension: x, y, z\n\

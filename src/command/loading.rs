@@ -1,11 +1,12 @@
 //! Reads the case of a command, and names the default directory of its results.
 
 use crate::base::checksum;
+use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
 use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
-use crate::problem::case::reader::number_of;
+use crate::problem::case::reader::{key_of, number_of};
 use crate::problem::case::{self, Case};
 use crate::results::dataset::RESULT;
 use crate::results::table_file::{checksum_name, file_name, with_tables};
@@ -38,11 +39,6 @@ pub fn load_text(world: &World, path: &Path) -> Result<String> {
 fn overrides(changes: &Changes) -> Vec<String> {
     let mode = (changes.mode).map(|mode| format!("output.warped_field={}", mode == Mode::Full));
     changes.set.iter().cloned().chain(mode).collect()
-}
-
-/// The key that a `--set` option changes.
-pub fn key_of(set: &str) -> &str {
-    set.split('=').next().unwrap_or_default().trim()
 }
 
 /// The case of a run that continues from the results in a directory.
@@ -112,16 +108,10 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
     stored.summary.as_ref().map_err(|e| wrong(e))?;
     let case = stored.case.as_ref().map_err(|e| wrong(e))?;
     let time = stored.time;
-    let refused = |what: String| wrong(&format!("--until {until}: {what}"));
     let own = overrides(changes);
     let keys: Vec<&str> = own.iter().map(|set| key_of(set)).collect();
-    if until.parse::<f64>().is_err() && keys.iter().any(|key| key.starts_with("constants")) {
-        return Err(refused("a formula of constants that --set changes; a number expected".into()));
-    }
-    let until = number_of(until, &case.constants).map_err(&refused)?;
-    if !(until > time && until.is_finite()) {
-        return Err(refused(format!("its results are at t = {time}; a later time expected")));
-    }
+    let until = end_time(until, case, time, &keys)
+        .map_err(|what| wrong(&format!("--until {until}: {what}")))?;
     if let Some(key) = keys.iter().find(|key| KEYS_OF_CONTINUATION.contains(key)) {
         return Err(wrong(&format!(
             "--set {key}: that follows from DIR and --until; leave it out"
@@ -135,18 +125,7 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
         KEYS_OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
     let before = stored.overrides.iter().cloned();
     let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set)));
-    // The stored path replaces that of the case file, which is relative to another directory.
-    let mut files = Vec::new();
-    let mut tables = BTreeMap::new();
-    for of in case.tables.iter().map(|file| file.of) {
-        let key = of.key();
-        let is_kept = !keys.iter().any(|set| key.starts_with(set) || set.starts_with(&key));
-        let known = [file_name(of), checksum_name(of)].map(|name| stored.provenance.get(&name));
-        if let (true, [Some(path), Some(sum)]) = (is_kept, known) {
-            files.push(format!("{key}.file={}", serde_json::Value::from(path.as_str())));
-            tables.insert(key, sum.clone());
-        }
-    }
+    let (files, tables) = carried_tables(case, &stored.provenance, &keys);
     let overrides = before
         .chain(files)
         .chain(left_out.iter().map(|key| format!("{key}=[]")))
@@ -159,6 +138,48 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
         .collect();
     let name = stored.provenance.get("case_file").map_or("case", String::as_str).to_owned();
     Ok(Continuation { name, text: stored.text, overrides, left_out, tables })
+}
+
+/// The end of a run that continues the results of `case` at `time`. `keys` are changed.
+///
+/// # Errors
+/// What is wrong with `until`.
+fn end_time(
+    until: &str,
+    case: &Case,
+    time: f64,
+    keys: &[&str],
+) -> std::result::Result<f64, String> {
+    if until.parse::<f64>().is_err() && keys.iter().any(|key| key.starts_with("constants")) {
+        return Err("a formula of constants that --set changes; a number expected".into());
+    }
+    let until = number_of(until, &case.constants)?;
+    if !(until > time && until.is_finite()) {
+        return Err(format!("its results are at t = {time}; a later time expected"));
+    }
+    Ok(until)
+}
+
+/// The `--set` options of the tables of `case` that a continued run reads too, as none of `keys`
+/// changes them, and their checksums by key. The stored path replaces that of the case file, which
+/// is relative to another directory.
+fn carried_tables(
+    case: &Case,
+    provenance: &BTreeMap<String, String>,
+    keys: &[&str],
+) -> (Vec<String>, BTreeMap<String, String>) {
+    let mut files = Vec::new();
+    let mut tables = BTreeMap::new();
+    for of in case.tables.iter().map(|file| file.of) {
+        let key = of.key();
+        let is_kept = !keys.iter().any(|set| key.starts_with(set) || set.starts_with(&key));
+        let known = [file_name(of), checksum_name(of)].map(|name| provenance.get(&name));
+        if let (true, [Some(path), Some(sum)]) = (is_kept, known) {
+            files.push(format!("{key}.file={}", serde_json::Value::from(path.as_str())));
+            tables.insert(key, sum.clone());
+        }
+    }
+    (files, tables)
 }
 
 /// `DIR-until-TIME`: the default directory of a continued run.
@@ -185,4 +206,20 @@ pub fn default_directory_of(case: &str, what: &str) -> PathBuf {
     let mut name = default_directory(case).into_os_string();
     name.push(format!("-{what}"));
     name.into()
+}
+
+/// Makes the directory of a study of `case`: `output`, or `results/NAME-what`. Fails before minutes
+/// are spent on measurements. Collective.
+///
+/// # Errors
+/// As [`disk::make`], the same on all ranks.
+pub fn study_directory(
+    world: &World,
+    output: Option<&PathBuf>,
+    case: &str,
+    what: &str,
+) -> Result<PathBuf> {
+    let directory = output.cloned().unwrap_or_else(|| default_directory_of(case, what));
+    world.group().on_first_rank(|| disk::make(&directory))?;
+    Ok(directory)
 }

@@ -67,16 +67,22 @@ fn times(args: &MovieArgs, run: &StoredRun) -> Result<Vec<StoredTime>> {
     let place = args.places.directory.display();
     let all = run.snapshots().map_err(|why| failure(&args.places.directory, &why))?;
     if all.len() < 2 {
+        let begin = run.case.as_ref().map_or(0.0, |case| case.begin);
         return Err(Error::Input(format!(
             "{place}: it has fields at one time only, t = {}; a movie needs several: set \
              output.fields_every = {}, or output.field_times, and run the case again",
             short(run.time),
-            short(run.time / 20.0)
+            short(advised_interval(begin, run.time))
         )));
     }
     let chosen = chosen(all.len(), args.every as usize);
     let chosen = chosen.map_err(|why| Error::Input(format!("{place}: {why}")))?;
     Ok(chosen.into_iter().map(|k| all[k]).collect())
+}
+
+/// The time between fields that gives a movie 20 of them, of a run from `begin` to `end`.
+fn advised_interval(begin: f64, end: f64) -> f64 {
+    (end - begin) / 20.0
 }
 
 /// Indices of every `every`-th of `count` times and of the last one.
@@ -98,6 +104,13 @@ fn chosen(count: usize, every: usize) -> std::result::Result<Vec<usize>, String>
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A continued run has its fields between its start and its end.
+    #[test]
+    fn advice_counts_from_the_start_of_the_run() {
+        assert_eq!(advised_interval(0.0, 1.0), 0.05);
+        assert_eq!(advised_interval(3.0, 4.0), 0.05);
+    }
 
     #[test]
     fn frames_are_few_and_have_the_end() {

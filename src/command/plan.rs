@@ -15,8 +15,8 @@ use crate::plan::layout::Resources;
 use crate::plan::{Plan, refuse_long_transport};
 use crate::problem::case::Case;
 use crate::run::planning::{self, RunPlans};
-use crate::study::calibrate::{Calibration, calibrate};
-use crate::study::ranks::{CalibratedRun, RankChoice, RankTable};
+use crate::study::calibrate::{CalibratedRun, Calibration, calibrate};
+use crate::study::ranks::{RankChoice, RankTable};
 use serde::Serialize;
 
 /// What `plan --json` prints for one number of ranks.
@@ -38,7 +38,7 @@ pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
     let case = load(world, &args.case)?;
     sbatch::refuse(world, args, &case)?;
     let case = with_accuracy(world, case, &args.case.changes, &args.accuracy)?;
-    let case = planning::reduced_with_start(&world.group(), &case)?;
+    let case = planning::read_and_reduced(&world.group(), &case)?;
     if refuse_long_transport(&case).is_ok() {
         announce_slow_steps(world, &case);
     }
@@ -73,8 +73,8 @@ fn resources(args: &PlanArgs, ranks: usize) -> Resources {
 fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<JobResources> {
     let resources = resources(args, ranks);
     let (plan, calibration) = if args.calibrate {
-        let (plan, found) = calibrate(world, case, &resources)?;
-        (plan, Some(found))
+        let CalibratedRun { plan, calibration } = calibrate(world, case, &resources)?;
+        (plan, Some(calibration))
     } else {
         (planning::plan(world, case, &resources)?, None)
     };
@@ -113,14 +113,12 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
         let plan = planned.map(|planned| known.insert(planned).plan.clone());
         choices.push(RankChoice { ranks, node: node(args, ranks), plan });
     }
-    let calibrated = match args.calibrate {
+    let reference = match args.calibrate {
         true => {
             Some(calibrate(world, case, &resources(args, ranks_of_reference(world, &choices)))?)
         }
         false => None,
     };
-    let reference =
-        calibrated.as_ref().map(|(plan, calibration)| CalibratedRun { plan, calibration });
     // Its cost is compared with others, also where it does not fit.
     let alone = Resources { ranks: 1, ..Resources::default() };
     let one = match &known {

@@ -17,7 +17,8 @@ use crate::results::report::times::Times;
 use crate::results::report::{self, Report, missing};
 use crate::results::table_file::with_tables_known;
 use crate::results::untrusted;
-use crate::run::planning::reduced_with_start;
+use crate::run::planning::read_and_reduced;
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Largest number of space cells for which a report describes the case, as `V` is evaluated on all.
@@ -197,25 +198,37 @@ fn write_report(
 /// What `phasewarp check` prints about the case of a run, or why that is unknown. Only the first
 /// rank has `run`. Collective.
 fn description(world: &World, run: Option<&StoredRun>) -> std::result::Result<String, String> {
-    /// Name, text and overrides of a case; or why it is not described.
-    type DescribedCase = std::result::Result<(String, String, Vec<String>), String>;
     let group = world.group();
-    let source = |run: &StoredRun| match &run.case {
-        Ok(case) if case.space.space_cells() > MOST_POINTS => {
-            Err(format!("more than {MOST_POINTS} cells of space"))
-        }
-        Ok(case) => Ok((case.name.clone(), run.text.clone(), run.overrides.clone())),
-        Err(why) => Err(why.clone()),
-    };
-    let found: Option<DescribedCase> =
-        group.of_first_rank(|| Ok(run.map(source))).map_err(|e| e.to_string())?;
-    let (name, text, overrides) = found.unwrap_or_else(|| Err("no run is open".to_owned()))?;
     let described = || -> Result<String> {
-        let case = Case::parse(&name, &text, &overrides)?;
-        let case = reduced_with_start(&group, &case)?;
+        let source: CaseSource = group.of_first_rank(|| {
+            let run = run.ok_or_else(|| Error::input("no run is open"))?;
+            CaseSource::of(run).map_err(Error::Input)
+        })?;
+        let case = Case::parse(&source.name, &source.text, &source.overrides)?;
+        let case = read_and_reduced(&group, &case)?;
         Ok(describe(&case, &Bounds::new(&case)?))
     };
     described().map_err(|e| e.to_string())
+}
+
+/// What the case of a run is read from.
+#[derive(Serialize, Deserialize)]
+struct CaseSource {
+    name: String,
+    text: String,
+    overrides: Vec<String>,
+}
+
+impl CaseSource {
+    /// The source of the case of `run`, or why that is not described.
+    fn of(run: &StoredRun) -> std::result::Result<Self, String> {
+        let case = run.case.as_ref().map_err(Clone::clone)?;
+        if case.space.space_cells() > MOST_POINTS {
+            return Err(format!("more than {MOST_POINTS} cells of space"));
+        }
+        let (text, overrides) = (run.text.clone(), run.overrides.clone());
+        Ok(Self { name: case.name.clone(), text, overrides })
+    }
 }
 
 /// A run and its pictures.

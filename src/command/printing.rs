@@ -1,6 +1,7 @@
 //! Standard output of a command, which the first rank writes.
 
 use crate::base::log::{say, say_unwrapped};
+use crate::base::machine::{self, StopMessages};
 use crate::parallel::communicator::World;
 use serde::Serialize;
 use std::fmt::Display;
@@ -27,4 +28,10 @@ pub fn print_as<T: Serialize + Display>(world: &World, found: &T, json: bool) {
 /// Prints JSON on the first rank.
 pub fn print_json(world: &World, found: &impl Serialize) {
     print_unwrapped(world, &serde_json::to_string_pretty(found).unwrap_or_default());
+}
+
+/// Sets what a stop signal writes, on the first rank.
+pub fn set_stop_messages(world: &World, messages: StopMessages) {
+    let prints = world.group().is_first();
+    machine::set_stop_messages(if prints { messages } else { StopMessages::default() });
 }

@@ -6,7 +6,7 @@ use crate::base::text::{percent, short};
 use crate::command::accuracy;
 use crate::command::cli::{CaseArgs, RunArgs};
 use crate::command::loading::{default_directory, default_directory_until, load, load_continued};
-use crate::command::printing::print;
+use crate::command::printing::{print, set_stop_messages};
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Method};
 use crate::quantum::readout::Readout;
@@ -29,8 +29,7 @@ const STOP_MESSAGES: StopMessages = StopMessages {
 /// # Errors
 /// As [`run::run`] and [`accuracy::choose`].
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
-    let prints = world.group().is_first();
-    machine::set_stop_messages(if prints { STOP_MESSAGES } else { StopMessages::default() });
+    set_stop_messages(world, STOP_MESSAGES);
     machine::begin(RunPart::SetUp);
     let RunRequest { case: given, directory } = run_request(world, args)?;
     let case = match args.continued {
@@ -41,7 +40,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     if case.method != Method::Schrodingerized {
         machine::begin(RunPart::Classical);
     }
-    if args.resume && run::is_done_and_tidy(world, &directory, &case) {
+    if args.resume && run::is_done_removing_rest(world, &directory, &case, damage_warning) {
         let shown = directory.display();
         print(world, &format!("--resume: the run is finished; results in {shown}"));
         for line in run::lines_about_errors(world, &directory, case.strict)? {
@@ -76,6 +75,11 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         print(world, &line);
     }
     Ok(())
+}
+
+/// The warning of damaged results, where `--resume` looks for finished ones.
+fn damage_warning(damage: &Error) -> String {
+    format!("--resume: {damage}: the finished run is damaged and is computed anew")
 }
 
 /// The case to run, and the directory of its results.

@@ -1,7 +1,6 @@
 //! `phasewarp schema`: the keys of a case file as a JSON schema, by which editors complete and
 //! check them, or as a reference page.
 
-use crate::base::error::Result;
 use crate::command::cli::SchemaArgs;
 use crate::command::printing::{print_json, print_unwrapped};
 use crate::parallel::communicator::World;
@@ -13,16 +12,8 @@ use std::collections::BTreeMap;
 const DOCUMENT: &str = include_str!("../../docs/usage.md");
 
 /// Prints the schema, or the page. Collective.
-///
-/// # Errors
-/// None.
-pub fn execute(world: &World, args: &SchemaArgs) -> Result<()> {
-    if args.markdown {
-        print_unwrapped(world, &page())
-    } else {
-        print_json(world, &schema())
-    }
-    Ok(())
+pub fn execute(world: &World, args: &SchemaArgs) {
+    if args.markdown { print_unwrapped(world, &page()) } else { print_json(world, &schema()) }
 }
 
 /// Every key of a case file in Markdown, with one table per section of the file.

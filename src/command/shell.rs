@@ -9,14 +9,10 @@ use crate::parallel::communicator::World;
 use clap::CommandFactory;
 
 /// Prints a script by which a shell completes commands and options. Collective.
-///
-/// # Errors
-/// None.
-pub fn completions(world: &World, args: &CompletionsArgs) -> Result<()> {
+pub fn completions(world: &World, args: &CompletionsArgs) {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut Cli::command(), "phasewarp", &mut script);
     print_unwrapped(world, &String::from_utf8_lossy(&script));
-    Ok(())
 }
 
 /// Writes a manual page for the program and for each command. Collective.

@@ -1,9 +1,8 @@
 //! `phasewarp stability`: limits beyond which methods fail, measured beside theory.
 
-use crate::base::disk;
 use crate::base::error::Result;
 use crate::command::cli::StabilityArgs;
-use crate::command::loading::{default_directory_of, load};
+use crate::command::loading::{load, study_directory};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::study::stability;
@@ -14,13 +13,10 @@ use crate::study::stability;
 /// As [`stability::measure`] and [`stability::panel::Stability::write`].
 pub fn execute(world: &World, args: &StabilityArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);
-    let directory =
-        args.output.clone().unwrap_or_else(|| default_directory_of(&case.name, "stability"));
-    // Fails before minutes are spent on measurements.
-    all.on_first_rank(|| disk::make(&directory))?;
+    let directory = study_directory(world, args.output.as_ref(), &case.name, "stability")?;
     let found = stability::measure(world, &case, &args.only, args.budget)?;
     all.on_first_rank(|| found.write(&directory))?;
-    print(world, &found.table());
+    print(world, &found.to_string());
     print(world, &format!("files in {}", directory.display()));
     Ok(())
 }

@@ -6,7 +6,7 @@ use crate::base::log::report;
 use crate::base::machine::{self, RunPart, StopMessages};
 use crate::command::cli::{Mode, SweepArgs};
 use crate::command::loading::{default_directory_of, load_text};
-use crate::command::printing::{print, print_unwrapped};
+use crate::command::printing::{print, print_unwrapped, set_stop_messages};
 use crate::parallel::communicator::World;
 use crate::run::options::Options;
 use crate::study::sweep::table::{SweepTable, refuse_to_replace};
@@ -28,12 +28,55 @@ const STOP_MESSAGES: StopMessages = StopMessages {
 /// As [`Sweep::new`], [`refuse_to_replace`] and [`Sweep::solve`]; [`Error::SweepFailed`] if a run
 /// failed.
 pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
+    let sweep = sweep(world, args)?;
+    let directory = &sweep.request.directory;
+    if args.list {
+        list(world, &sweep);
+        return Ok(());
+    }
+    if args.index.is_none() && !args.force {
+        let runs = sweep.runs.iter().map(|run| run.directory.as_path());
+        world.group().on_first_rank(|| refuse_to_replace(directory, runs))?;
+    }
+    if args.table {
+        return conclude(world, directory, &sweep.collect(world)?);
+    }
+    // Fails before hours are spent on runs.
+    world.group().on_first_rank(|| disk::make(directory))?;
+    let options = Options {
+        ranks_x: args.ranks_x.clone(),
+        resume: true,
+        force: args.force,
+        walltime: args.walltime,
+        stop: machine::stop_flag(),
+    };
+    set_stop_messages(world, STOP_MESSAGES);
+    machine::begin(RunPart::Modes);
+    if let Some(number) = args.index {
+        return sweep.solve_one(world, number, &options);
+    }
+    let SweepResult { table, stopped } = sweep.solve(world, &options)?;
+    match stopped {
+        None => conclude(world, directory, &table),
+        Some(stopped) => {
+            // A later sweep would take an empty table for that of another sweep.
+            if !table.rows.is_empty() {
+                world.group().on_first_rank(|| table.write(directory))?;
+            }
+            Err(stopped)
+        }
+    }
+}
+
+/// The sweep that the options describe. Collective.
+///
+/// # Errors
+/// As [`load_text`], [`Vary::parse`] and [`Sweep::new`].
+fn sweep(world: &World, args: &SweepArgs) -> Result<Sweep> {
     let path = &args.case.case;
-    let directory = args.output.clone();
-    let directory =
-        directory.unwrap_or_else(|| default_directory_of(&path.display().to_string(), "sweep"));
+    let default = || default_directory_of(&path.display().to_string(), "sweep");
     let vary: Result<Vec<Vary>> = args.vary.iter().map(|text| Vary::parse(text)).collect();
-    let sweep = Sweep::new(SweepRequest {
+    Sweep::new(SweepRequest {
         path: path.clone(),
         text: load_text(world, path)?,
         set: args.case.changes.set.clone(),
@@ -42,45 +85,8 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
             Mode::Full => "full",
         }),
         vary: vary?,
-        directory: directory.clone(),
-    })?;
-    if args.list {
-        list(world, &sweep);
-        return Ok(());
-    }
-    if args.index.is_none() && !args.force {
-        let runs = sweep.runs.iter().map(|run| run.directory.as_path());
-        world.group().on_first_rank(|| refuse_to_replace(&directory, runs))?;
-    }
-    if args.table {
-        return conclude(world, &directory, &sweep.collect(world)?);
-    }
-    // Fails before hours are spent on runs.
-    world.group().on_first_rank(|| disk::make(&directory))?;
-    let options = Options {
-        ranks_x: args.ranks_x.clone(),
-        resume: true,
-        force: args.force,
-        walltime: args.walltime,
-        stop: machine::stop_flag(),
-    };
-    let prints = world.group().is_first();
-    machine::set_stop_messages(if prints { STOP_MESSAGES } else { StopMessages::default() });
-    machine::begin(RunPart::Modes);
-    if let Some(number) = args.index {
-        return sweep.solve_one(world, number, &options);
-    }
-    let SweepResult { table, stopped } = sweep.solve(world, &options)?;
-    match stopped {
-        None => conclude(world, &directory, &table),
-        Some(stopped) => {
-            // A later sweep would take an empty table for that of another sweep.
-            if !table.rows.is_empty() {
-                world.group().on_first_rank(|| table.write(&directory))?;
-            }
-            Err(stopped)
-        }
-    }
+        directory: args.output.clone().unwrap_or_else(default),
+    })
 }
 
 /// Prints one line per run.
@@ -89,7 +95,7 @@ fn list(world: &World, sweep: &Sweep) {
         let (number, label, directory) = (run.number, sweep.label(run), run.directory.display());
         let label = label.replace(['\t', '\n'], " ");
         print_unwrapped(world, &format!("{number}\t{label}\t{directory}"));
-        if let (Some(why), 0) = (&run.refused, world.group().rank()) {
+        if let (Some(why), true) = (&run.refused, world.group().is_first()) {
             report(&format!("warning: run {number} is refused: {why}"));
         }
     }

@@ -117,7 +117,8 @@ pub fn refinement(text: &str) -> Result<usize, String> {
     }
 }
 
-/// Seconds; `90s`, `90m`, `1.5h`, `2d`, `1h30m`; Slurm's `MM:SS`, `HH:MM:SS`, `D-HH:MM:SS`.
+/// Seconds; `90s`, `90m`, `1.5h`, `2d`, `1h30m`; Slurm's `MM:SS`, `HH:MM:SS`, `D-HH:MM`,
+/// `D-HH:MM:SS`.
 ///
 /// # Errors
 /// What is wrong with `text`.
@@ -141,14 +142,24 @@ fn number(text: &str, unit: &str) -> Result<f64, String> {
     }
 }
 
-/// Seconds of `MM:SS`, `HH:MM:SS` or `D-HH:MM:SS`.
+/// Seconds of `MM:SS`, `HH:MM:SS`, `D-HH:MM` or `D-HH:MM:SS`, as Slurm reads them.
 fn clock_seconds(text: &str) -> Result<f64, String> {
-    let (days, clock) = text.split_once('-').unwrap_or(("0", text));
+    let (days, clock) = match text.split_once('-') {
+        Some((days, clock)) => (Some(days), clock),
+        None => (None, text),
+    };
     let fields: Option<Vec<u32>> = clock.split(':').map(|field| field.parse().ok()).collect();
     match fields {
         Some(fields) if fields.len() <= 3 => {
             let clock = fields.iter().fold(0.0, |sum, &field| 60.0 * sum + f64::from(field));
-            Ok(86400.0 * number(days, "days")? + clock)
+            // After days, the first of two fields is hours.
+            match days {
+                Some(days) if fields.len() == 2 => {
+                    Ok(86400.0 * number(days, "days")? + 60.0 * clock)
+                }
+                Some(days) => Ok(86400.0 * number(days, "days")? + clock),
+                None => Ok(clock),
+            }
         }
         _ => Err(format!("\"{text}\" is not a duration; one is {DURATIONS}")),
     }
@@ -171,10 +182,9 @@ fn seconds(text: &str) -> Result<f64, String> {
     {
         return Ok(duration.as_secs_f64());
     }
-    match UNITS.iter().find(|unit| text.ends_with(unit.0)) {
-        Some(&(unit, factor, name)) => {
-            Ok(factor * number(text.trim_end_matches(unit).trim(), name)?)
-        }
+    let with_unit = |&(unit, factor, name)| Some((text.strip_suffix(unit)?, factor, name));
+    match UNITS.iter().find_map(with_unit) {
+        Some((value, factor, name)) => Ok(factor * number(value.trim(), name)?),
         None => number(text, "seconds"),
     }
 }
@@ -267,12 +277,14 @@ mod tests {
             ("12:30", 750.0),
             ("1:30:00", 5400.0),
             ("2-01:00:05", 176_405.0),
+            ("1-05:30", 106_200.0),
+            ("0-00:45", 2700.0),
         ] {
             assert_eq!(duration(text), Ok(Duration::from_secs_f64(seconds)));
         }
         for text in [
             "", "0", "-5", "m", "1:2:3:4", "1:-2", "nan", "inf", "1e400", "5 weeks", "1-5",
-            "+3:0x1",
+            "+3:0x1", "5mm", "5ss", "1.5hh", "2dd",
         ] {
             assert!(duration(text).is_err(), "{text}");
         }

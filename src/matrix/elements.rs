@@ -62,6 +62,13 @@ impl Element<'_> {
         point
     }
 
+    /// Its nodal values, of `values` on the space cells `ranges` with all velocities.
+    pub fn nodal(&self, ranges: &[Range<usize>], values: &[f64]) -> Vec<f64> {
+        let mut nodal = vec![0.0; self.shape().iter().product()];
+        self.for_each_cell(ranges, |cell, node| nodal[node] = values[cell]);
+        nodal
+    }
+
     /// Calls `visit(cell, node)` for each of its cells, with the number of the cell in a block or
     /// share of the space cells `ranges` with all velocities, and its number in the element.
     pub fn for_each_cell(&self, ranges: &[Range<usize>], mut visit: impl FnMut(usize, usize)) {

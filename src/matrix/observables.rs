@@ -46,8 +46,7 @@ impl VelocityFactors {
     /// The factors of the velocity cells of `space`.
     pub fn new(space: &PhaseSpace) -> Self {
         let mut each = Vec::with_capacity(space.velocity_cells());
-        let ranges: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
-        for_each_cell(&ranges, |j| {
+        for_each_cell(&space.velocity_ranges(), |j| {
             let (mut v, mut square) = ([0.0; 3], 0.0);
             for (v, (axis, j)) in v.iter_mut().zip(space.v.iter().zip(j)) {
                 *v = velocity(axis, *j as i64);
@@ -108,7 +107,12 @@ pub struct MomentsOf<'a> {
     pub least: f64,
 }
 
-impl MomentsOf<'_> {
+impl<'a> MomentsOf<'a> {
+    /// The data for moments on a block of `space` whose cells have the weights `pi`.
+    pub fn new(space: &PhaseSpace, factors: &'a VelocityFactors, pi: &'a [f64]) -> Self {
+        Self { factors, pi, least: space.least_relative_volume().min(1.0) }
+    }
+
     /// Number of moments at a point in `n` dimensions: density, momenta, energy.
     pub fn count(&self) -> usize {
         self.factors.dimension() + 2
@@ -159,7 +163,7 @@ impl Moments {
 /// cells for measure-valued data on elements. Collective over `world`.
 pub fn moments(world: &Group, case: &Case, share: &[Range<usize>], fields: &[&[f64]]) -> Moments {
     let space = &case.space;
-    if space.degree() > 0 && matches!(case.data, Data::Measure { .. }) {
+    if space.degree() > 0 && case.is_measure_valued() {
         return Moments::new(
             world,
             space.dimension(),
@@ -246,10 +250,9 @@ fn relative_volumes(axes: &[Axis], ranges: &[Range<usize>]) -> Vec<f64> {
 impl CellVolumes {
     /// Volumes of the space cells `share` of `space`, with all velocities.
     pub fn new(space: &PhaseSpace, share: &[Range<usize>]) -> Self {
-        let velocities: Vec<Range<usize>> = space.v.iter().map(|a| 0..a.cells).collect();
         Self {
             space: relative_volumes(&space.x, share),
-            velocity: relative_volumes(&space.v, &velocities),
+            velocity: relative_volumes(&space.v, &space.velocity_ranges()),
             mean_space: space.x.iter().map(|a| a.width() / a.nodes.count() as f64).product(),
             mean: space.cell_volume(),
             space_cells: space.space_cells(),

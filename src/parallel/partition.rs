@@ -6,7 +6,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::row_major::{indices, number};
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, SPACE_NAMES, for_each_cell};
 use std::ops::Range;
 
 /// The process mesh.
@@ -80,7 +80,7 @@ impl ProcessMesh {
                 return Err(Error::Ranks(format!(
                     "--ranks-x: {parts} blocks along x-axis {a}, {}, which is periodic and stays \
                     whole; 1 does",
-                    ["x", "y", "z"][a]
+                    SPACE_NAMES[a]
                 )));
             }
             let elements = axis.elements();

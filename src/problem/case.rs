@@ -320,6 +320,11 @@ impl Case {
         self.space.whole_degree() > 0 || self.flux < 1.0 || self.reflects()
     }
 
+    /// Whether the initial data are a measure, represented by level sets.
+    pub fn is_measure_valued(&self) -> bool {
+        self.data.is_measure()
+    }
+
     /// Whether the scheme of degree 0 for this case is the upwind scheme, with interface laws and
     /// limiters. For a case of a higher degree: whether it would be at degree 0.
     pub fn has_upwind_cells(&self) -> bool {

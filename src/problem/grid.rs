@@ -29,6 +29,8 @@ pub struct PhaseSpace {
 
 /// Largest number of space dimensions.
 pub const MAX_DIMENSION: usize = 3;
+/// Names of the axes of space.
+pub const SPACE_NAMES: [&str; MAX_DIMENSION] = ["x", "y", "z"];
 
 /// A cell as `[i1..in, j1..jn]`, unused entries zero.
 pub type Cell = [usize; 2 * MAX_DIMENSION];
@@ -40,6 +42,13 @@ pub struct AxisEnd {
     pub axis: usize,
     /// Whether the end is the upper one.
     pub upper: bool,
+}
+
+impl AxisEnd {
+    /// Number of the end among those of all axes: lower, upper of the first axis, and so on.
+    pub fn number(self) -> usize {
+        2 * self.axis + usize::from(self.upper)
+    }
 }
 
 /// Index in `[x, y, z, vx, vy, vz]` of axis number `axis` of the `2n`, in `n` dimensions.
@@ -94,6 +103,16 @@ impl PhaseSpace {
     /// All cells of space, one range for each space axis.
     pub fn space_ranges(&self) -> Vec<Range<usize>> {
         self.x.iter().map(|axis| 0..axis.cells).collect()
+    }
+
+    /// All cells of velocity, one range for each velocity axis.
+    pub fn velocity_ranges(&self) -> Vec<Range<usize>> {
+        self.v.iter().map(|axis| 0..axis.cells).collect()
+    }
+
+    /// The row-major index of a `cell` of space among all.
+    pub fn space_index(&self, cell: &[usize]) -> usize {
+        number(self.x.iter().map(|axis| axis.cells), cell.iter().copied())
     }
 
     /// Number of cells of space alone.
@@ -341,8 +360,8 @@ pub fn describe_point(dimension: usize, point: &[f64]) -> String {
 
 /// Names of the axes in storage order.
 pub fn axis_names(dimension: usize) -> Vec<&'static str> {
-    let (x, v) = (["x", "y", "z"], ["vx", "vy", "vz"]);
-    x[..dimension].iter().chain(&v[..dimension]).copied().collect()
+    let v = ["vx", "vy", "vz"];
+    SPACE_NAMES[..dimension].iter().chain(&v[..dimension]).copied().collect()
 }
 
 /// Calls `visit` with every multi-index of a box, row-major.

@@ -1,6 +1,6 @@
 //! Legs of a run, from one time at which the whole field is available to the next.
 
-use crate::problem::case::{Case, Data};
+use crate::problem::case::Case;
 
 /// A leg of a run.
 #[derive(Clone, Debug, PartialEq)]
@@ -22,7 +22,7 @@ impl Leg {
     /// The legs of a case, from each output time to the next. Measure-valued data need the fields
     /// at each, as their moments are not linear in the fields.
     pub fn all(case: &Case) -> Vec<Self> {
-        let linear = matches!(case.data, Data::Density);
+        let linear = !case.is_measure_valued();
         let wants = case.times.iter().map(|t| linear && !t.fields);
         (case.legs().into_iter().zip(wants.chain([false])))
             .map(|(time, moments_only)| Self::new(time, moments_only))

@@ -204,6 +204,26 @@ impl<'a> Classical<'a> {
         self.exponential(exchange, state, ClassicalSpan { time: span.time - now, ..span }, EXACT);
     }
 
+    /// `state ← state(time)` by the integrator of `case`, in so many explicit `steps`; the
+    /// exponential knows how many terms it takes. Collective over the space group.
+    pub fn integrate(
+        &mut self,
+        exchange: &mut GhostExchange,
+        case: &Case,
+        span: ClassicalSpan,
+        steps: usize,
+        state: &mut [f64],
+    ) {
+        match case.integrator {
+            Integrator::Exponential if self.varies() => {
+                let panels = duhamel_panels(case, span.rate);
+                self.duhamel(exchange, state, span, &panels);
+            }
+            Integrator::Exponential => self.exponential(exchange, state, span, EXACT),
+            integrator => self.steps(exchange, state, integrator, span.time, steps),
+        }
+    }
+
     /// This integrator, which reports its steps to `progress`.
     pub fn with_progress(self, progress: Progress) -> Self {
         Self { progress, ..self }

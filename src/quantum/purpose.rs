@@ -1,7 +1,7 @@
 //! The purposes for which a case is taken to the quantum side, and the cases that each refuses.
 
 use crate::base::error::{Error, Result};
-use crate::problem::case::{Case, Data, Method};
+use crate::problem::case::{Case, Method};
 use crate::quantum::readout::MEASURE_VALUED;
 
 /// The use of a case on the quantum side.
@@ -30,7 +30,7 @@ impl Obstacle {
     fn is_in(self, case: &Case) -> bool {
         match self {
             Self::ClassicalMethod => case.method == Method::Classical,
-            Self::MeasureValued => !matches!(case.data, Data::Density),
+            Self::MeasureValued => case.is_measure_valued(),
             Self::InflowInTime => case.varies(),
             Self::WarpedStart => case.start.is_some(),
         }

@@ -3,7 +3,7 @@
 use crate::base::text::{
     ALGORITHM_ERROR, GRID_ERROR, one_digit, percent, quoted, rounded_down, short,
 };
-use crate::problem::case::{Case, Data, Exact, Limiter, Method};
+use crate::problem::case::{Case, Exact, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::problem::grid::PhaseSpace;
 use crate::problem::potential::oblique::oblique_edges;
@@ -319,7 +319,7 @@ impl Accuracy {
 fn largest_order(case: &Case, degree: usize) -> Option<f64> {
     let is_second = case.limiter != Limiter::None || case.flux == 0.0;
     let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
-    matches!(case.data, Data::Density).then_some(order)
+    (!case.is_measure_valued()).then_some(order)
 }
 
 /// The lowest degree of the axes that have more than one cell.

@@ -6,7 +6,7 @@
 use crate::base::error::Result;
 use crate::base::row_major::DatasetBox;
 use crate::matrix::elements::{AxisMatrix, apply_in_elements};
-use crate::problem::case::{Case, Data};
+use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::results::dataset::Results;
 use crate::results::writer::{Hdf5Result, Writer};
@@ -51,7 +51,7 @@ pub fn axes(writer: &Writer<'_>, case: &Case) -> Hdf5Result<()> {
 /// [`crate::base::error::Error::Output`].
 pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<()> {
     let space = &results.case.space;
-    if space.degree() == 0 || matches!(results.case.data, Data::Measure { .. }) {
+    if space.degree() == 0 || results.case.is_measure_valued() {
         return Ok(());
     }
     writer.group("averages")?;

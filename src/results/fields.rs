@@ -159,11 +159,10 @@ pub struct DatasetLayout {
 impl DatasetLayout {
     /// The layout of `share`, which has one range per space axis, with all velocities of `space`.
     pub fn new(space: &PhaseSpace, share: &[Range<usize>]) -> Self {
-        let velocities = space.v.iter().map(|axis| 0..axis.cells);
         Self {
             names: axis_names(space.dimension()),
             dimension: space.dimension(),
-            cells: share.iter().cloned().chain(velocities).collect(),
+            cells: share.iter().cloned().chain(space.velocity_ranges()).collect(),
         }
     }
 

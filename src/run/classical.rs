@@ -3,49 +3,13 @@
 use crate::base::error::Result;
 use crate::base::progress::Progress;
 use crate::matrix::observables::VelocityFactors;
-use crate::parallel::communicator::GhostExchange;
-use crate::problem::case::{Case, Integrator};
 use crate::problem::legs::Leg;
-use crate::propagate::classical::{
-    Classical, ClassicalSpan, EXACT, classical_steps, duhamel_panels,
-};
+use crate::propagate::classical::{Classical, ClassicalSpan, classical_steps};
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
 use crate::run::history::history;
 use crate::run::solved::SolvedFields;
 use crate::solve::prepared::Prepared;
-
-/// The integration of a state over a leg.
-#[derive(Clone, Copy)]
-pub(crate) struct Integration<'a> {
-    /// The case, with its time integrator and inflow.
-    pub case: &'a Case,
-    /// Bound on `max |A_ii|`.
-    pub rate: f64,
-    /// Length of the leg.
-    pub time: f64,
-    /// Steps, or terms of the exponential.
-    pub steps: usize,
-}
-
-/// `state ← state(time)` by the classical method. Collective over the space group.
-pub(crate) fn integrate(
-    classical: &mut Classical<'_>,
-    exchange: &mut GhostExchange,
-    span: Integration<'_>,
-    state: &mut [f64],
-) {
-    let time = span.time;
-    let whole = ClassicalSpan { rate: span.rate, time };
-    match span.case.integrator {
-        Integrator::Exponential if classical.varies() => {
-            let panels = duhamel_panels(span.case, span.rate);
-            classical.duhamel(exchange, state, whole, &panels);
-        }
-        Integrator::Exponential => classical.exponential(exchange, state, whole, EXACT),
-        integrator => classical.steps(exchange, state, integrator, time, span.steps),
-    }
-}
 
 /// Integrates every field over all legs. Collective.
 pub(crate) fn integrate_fields(
@@ -67,8 +31,8 @@ pub(crate) fn integrate_fields(
         let mut state = start.clone();
         let mut before = Vec::new();
         for (leg, &steps) in Leg::all(case).iter().zip(&steps) {
-            let span = Integration { case, rate: plan.bounds.rate, time: leg.time, steps };
-            integrate(&mut classical, &mut system.exchange, span, &mut state);
+            let span = ClassicalSpan { rate: plan.bounds.rate, time: leg.time };
+            classical.integrate(&mut system.exchange, case, span, steps, &mut state);
             let mine = state[rank_cells.mine.clone()].to_vec();
             before.push(if leg.moments_only {
                 let f = system.unweighted(&rank_cells.mine, mine);

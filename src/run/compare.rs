@@ -4,11 +4,9 @@
 use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
-use crate::matrix::observables::{CellVolumes, Moments};
-use crate::parallel::communicator::Group;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
-use crate::propagate::classical::{Classical, classical_steps};
+use crate::propagate::classical::{Classical, ClassicalSpan, classical_steps};
 use crate::propagate::round_off;
 use crate::propagate::time_dependent_inflow::Schedule;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -16,7 +14,7 @@ use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::accuracy::GridErrorPair;
 use crate::results::dataset::PlateauPoint;
 use crate::results::summary::{ContinuedResult, FieldSummary, Summary};
-use crate::run::classical::{Integration, integrate};
+use crate::run::norms::{FieldNorms, volumes_of};
 use crate::run::solved::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::prepared::Prepared;
@@ -30,74 +28,6 @@ const ROUND_OFF_MARGIN: f64 = 4.0;
 
 /// Largest ratio of the roughly known part of a reliable estimate to the rest of it.
 const LARGEST_REST: f64 = 2.0;
-
-/// Norms of a field over all ranks.
-pub struct FieldNorms<'a> {
-    /// The group of all ranks.
-    pub world: &'a Group,
-    /// Volumes of the share's cells.
-    pub volumes: CellVolumes,
-    /// The field, on this rank's share.
-    pub f: &'a [f64],
-}
-
-impl<'a> FieldNorms<'a> {
-    /// Norms of `f` on the share of `prepared`.
-    pub fn new(prepared: &'a Prepared, f: &'a [f64]) -> Self {
-        Self {
-            world: &prepared.communicator.world,
-            volumes: CellVolumes::new(&prepared.case.space, &prepared.rank_cells.share),
-            f,
-        }
-    }
-
-    /// `Σ f²`, each cell weighted with its volume relative to the mean.
-    pub fn square(&self, f: &[f64]) -> f64 {
-        self.volumes.sum(self.world, |i| f[i] * f[i])
-    }
-
-    /// l2 norm of the field, each cell weighted with its volume relative to the mean.
-    pub fn norm(&self) -> f64 {
-        self.square(self.f).sqrt()
-    }
-
-    /// l2 norm of `other`, relative to the field.
-    pub fn relative(&self, other: &[f64]) -> f64 {
-        let squares = |i: usize| [other[i], self.f[i]].map(|f| f * f);
-        let [square, of_field] = self.volumes.sums(self.world, squares);
-        (square / of_field).sqrt()
-    }
-
-    /// l2 distance to `other`, relative to `other`.
-    pub fn distance(&self, other: &[f64]) -> f64 {
-        let squares = |i: usize| [self.f[i] - other[i], other[i]].map(|f| f * f);
-        let [difference, square] = self.volumes.sums(self.world, squares);
-        (difference / square).sqrt()
-    }
-
-    /// The largest value of `of(f)`.
-    pub fn largest(&self, of: impl Fn(f64) -> f64) -> f64 {
-        let mine = self.f.iter().map(|&x| of(x)).fold(f64::NEG_INFINITY, f64::max);
-        self.world.max(mine)
-    }
-}
-
-/// `∫ |ρ − ρ_exact| dx`, and `Σ_a ∫ |u_a − u_exact,a| dx` over the cells that have an exact mean
-/// velocity. If the result has none there, it counts as zero. Collective.
-pub fn moment_errors(
-    world: &Group,
-    volumes: &CellVolumes,
-    found: &Moments,
-    exact: &Moments,
-) -> [f64; 2] {
-    let velocity = |c: usize| -> f64 {
-        let pairs = found.velocity.iter().zip(&exact.velocity);
-        let known = pairs.map(|(u, exact)| [u[c], exact[c]]).filter(|[_, exact]| !exact.is_nan());
-        known.map(|[u, exact]| (if u.is_nan() { 0.0 } else { u } - exact).abs()).sum()
-    };
-    let density = |c: usize| (found.density[c] - exact.density[c]).abs();
-    volumes.integrals(world, |c| [density(c), velocity(c)])
-}
 
 /// Refuses a solution with NaN or infinity in it. Collective.
 ///
@@ -154,7 +84,7 @@ fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
     let Prepared { communicator, system, rank_cells, .. } = prepared;
     let pi = &system.weights.pi[rank_cells.mine.clone()];
     let world = &communicator.world;
-    let volumes = CellVolumes::new(&prepared.case.space, &rank_cells.share);
+    let volumes = volumes_of(prepared);
     // With elements the weights are the volumes, which the norm already contains.
     let weight = |i: usize| if system.weights.are_volumes { 1.0 } else { pi[i].sqrt() };
     let start = &system.states[0];
@@ -173,6 +103,7 @@ pub(crate) fn verify(
     summary: &mut Summary,
 ) {
     let reference = Case { integrator: Integrator::Exponential, ..prepared.case.clone() };
+    let volumes = volumes_of(prepared);
     for (k, readings) in solution.fields.iter().enumerate() {
         // No leg ends at the start, which may be among the output times.
         let early = solution.early.iter().filter(|early| early.time > prepared.case.begin);
@@ -182,7 +113,7 @@ pub(crate) fn verify(
         let exact = exact_semidiscrete(prepared, &reference, k, prints);
         for (field, exact) in ends.into_iter().zip(exact) {
             let Some(field) = field else { continue };
-            let error = FieldNorms::new(prepared, field).distance(&exact);
+            let error = FieldNorms::new(prepared, &volumes, field).distance(&exact);
             if error.is_finite() {
                 worst = Some(worst.unwrap_or(0.0).max(error));
             }
@@ -209,8 +140,8 @@ fn exact_semidiscrete(
         Classical::of(case, &system.matrix, &system.weights.pi).with_progress(progress);
     let mut ends = Vec::new();
     for (time, steps) in case.legs().into_iter().zip(terms) {
-        let span = Integration { case, rate: bounds.rate, time, steps };
-        integrate(&mut classical, &mut system.exchange, span, &mut state);
+        let span = ClassicalSpan { rate: bounds.rate, time };
+        classical.integrate(&mut system.exchange, case, span, steps, &mut state);
         ends.push(system.own_field(&rank_cells.mine, &state));
     }
     ends
@@ -228,7 +159,8 @@ pub(crate) fn continued(
     let (case, system) = (&prepared.case, &prepared.system);
     let start = case.start_field.as_ref()?;
     let origin = start.origin?;
-    let norms = FieldNorms::new(prepared, f);
+    let volumes = volumes_of(prepared);
+    let norms = FieldNorms::new(prepared, &volumes, f);
     let before = system.norm(&prepared.communicator, &system.states[0], true);
     let ratio = before / norms.norm();
     let weights = &system.weights;
@@ -256,13 +188,14 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
     let Some(warp) = &prepared.plan.warp else {
         return Vec::new();
     };
+    let volumes = volumes_of(prepared);
     (warp.plateau.iter().zip(&solution.plateau))
         .map(|(reading, field)| {
-            let norms = FieldNorms::new(prepared, field);
+            let norms = FieldNorms::new(prepared, &volumes, field);
             PlateauPoint {
                 p: reading.point,
                 distance: norms.distance(&solution.fields[0][0]),
-                norm: (norms.square(field) * norms.volumes.mean()).sqrt(),
+                norm: (norms.square() * volumes.mean()).sqrt(),
             }
         })
         .collect()
@@ -277,34 +210,10 @@ fn estimate(
     fields: &[Vec<Vec<f64>>],
     summary: &mut Summary,
 ) -> Option<String> {
-    let (plan, system) = (&prepared.plan, &prepared.system);
-    let communicator = &prepared.communicator;
-    let mut largest_ratio: f64 = 0.0;
-    // The largest estimate of a field, and the round-off in it.
-    let mut found: Option<(f64, f64)> = None;
-    for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
-        let norms = FieldNorms::new(prepared, &readings[0]);
-        let ratio = system.norm(communicator, state, false) / norms.norm();
-        if !ratio.is_finite() {
-            continue;
-        }
-        largest_ratio = largest_ratio.max(ratio);
-        if let Some(second) = readings.get(1) {
-            // The efficiency corrects for the part of the error that both readings share.
-            let estimate = norms.distance(second) / warp.estimator_efficiency;
-            let amplification: f64 =
-                (warp.readings[..2].iter()).map(|r| warp.amplification(r)).sum();
-            let noise = round_off(plan.steps) * amplification * ratio;
-            let round_off = ROUND_OFF_MARGIN * noise / warp.estimator_efficiency;
-            summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
-            if found.is_none_or(|(e, _)| estimate > e) {
-                found = Some((estimate, round_off));
-            }
-        }
-    }
+    let (largest_ratio, found) = of_readings(prepared, warp, fields, summary);
     summary.norm_ratio = Some(largest_ratio).filter(|r| *r > 0.0);
     summary.norm_ratio_planned = Some(warp.ratio);
-    let found = match &system.schedule {
+    let found = match &prepared.system.schedule {
         Some(schedule) => found.map(|_| estimate_from_steps(prepared, schedule, &fields[0][0])),
         None => found.map(|(estimate, round_off)| ErrorEstimate {
             estimate,
@@ -323,6 +232,43 @@ fn estimate(
             warp.ratio
         )
     })
+}
+
+/// The largest ratio of the norm of a state at the start to that of its field; and of the field
+/// with the largest estimate from two readings, the estimate and the round-off in it. Puts the
+/// estimates of the fields into `summary`. Collective.
+fn of_readings(
+    prepared: &Prepared,
+    warp: &WarpPlan,
+    fields: &[Vec<Vec<f64>>],
+    summary: &mut Summary,
+) -> (f64, Option<(f64, f64)>) {
+    let (plan, system) = (&prepared.plan, &prepared.system);
+    let communicator = &prepared.communicator;
+    let volumes = volumes_of(prepared);
+    let mut largest_ratio: f64 = 0.0;
+    let mut found: Option<(f64, f64)> = None;
+    for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
+        let norms = FieldNorms::new(prepared, &volumes, &readings[0]);
+        let ratio = system.norm(communicator, state, false) / norms.norm();
+        if !ratio.is_finite() {
+            continue;
+        }
+        largest_ratio = largest_ratio.max(ratio);
+        if let Some(second) = readings.get(1) {
+            // The efficiency corrects for the part of the error that both readings share.
+            let estimate = norms.distance(second) / warp.estimator_efficiency;
+            let amplification: f64 =
+                (warp.readings[..2].iter()).map(|r| warp.amplification(r)).sum();
+            let noise = round_off(plan.steps) * amplification * ratio;
+            let round_off = ROUND_OFF_MARGIN * noise / warp.estimator_efficiency;
+            summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
+            if found.is_none_or(|(e, _)| estimate > e) {
+                found = Some((estimate, round_off));
+            }
+        }
+    }
+    (largest_ratio, found)
 }
 
 /// An estimate of the error of a field, relative to the field.
@@ -357,7 +303,8 @@ impl ErrorEstimate {
 /// for the number of steps ended with, and the error of that. Collective.
 fn estimate_from_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorEstimate {
     let reference = prepared.system.own_field(&prepared.rank_cells.mine, &schedule.reference);
-    let distance = FieldNorms::new(prepared, f).distance(&reference);
+    let volumes = volumes_of(prepared);
+    let distance = FieldNorms::new(prepared, &volumes, f).distance(&reference);
     let (rest, stages) = (schedule.reference_error, schedule.stages());
     let may_be_large = !schedule.order_is_seen && rest > LARGEST_REST * distance;
     let doubt = match schedule.jumps {

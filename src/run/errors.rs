@@ -73,9 +73,7 @@ pub fn by_elements(
     let values_of = ExactValues::new(world, case, exact)?;
     let mut sums = ElementSums::new(world, case, &values_of);
     for_each_element(&case.space, share, |element| {
-        let mut nodal = vec![0.0; element.shape().iter().product()];
-        element.for_each_cell(share, |cell, node| nodal[node] = f[cell]);
-        sums.add(element, &nodal);
+        sums.add(element, &element.nodal(share, f));
     });
     Ok(sums.finish(world))
 }
@@ -221,9 +219,10 @@ impl<'a> ElementSums<'a> {
                 }
             }
         }
-        let mut terms = [mass; TERMS];
+        let mut terms = [0.0; TERMS];
         let all = [std::mem::take(&mut self.field), sums[0], sums[1]];
         terms[..3 * NORMS].copy_from_slice(all.as_flattened());
+        terms[3 * NORMS] = mass;
         self.terms.push(terms);
         self.here.fill([0.0; SUMS]);
     }

@@ -21,7 +21,7 @@ use crate::matrix::observables::{CellVolumes, VelocityFactors};
 use crate::matrix::projection::legendre_transform;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::{Block, LocalIndex};
-use crate::problem::case::{Case, Data};
+use crate::problem::case::Case;
 use crate::problem::grid::{Cell, PhaseSpace};
 use crate::propagate::limiter::half_difference;
 use crate::scheme::rows::Scheme;
@@ -45,7 +45,7 @@ const RATIO_OF_DEGREE_1: f64 = 0.5;
 /// If `V` is not finite.
 pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2]> {
     let space = &prepared.case.space;
-    if !matches!(prepared.case.data, Data::Density) {
+    if prepared.case.is_measure_valued() {
         return Ok([None; 2]);
     }
     // Memory that the solve freed goes back before the vectors of the estimate are allocated.
@@ -264,9 +264,7 @@ fn by_coefficients(prepared: &Prepared, f: &[f64]) -> [f64; 2] {
     let of = |space: &PhaseSpace, values: &[f64]| -> f64 {
         let mut squares = CoefficientSquares::default();
         for_each_element(space, share, |element| {
-            let mut nodal = vec![0.0; element.shape().iter().product()];
-            element.for_each_cell(share, |cell, node| nodal[node] = values[cell]);
-            squares.add(&nodal, &all[..space.axes().count()]);
+            squares.add(&element.nodal(share, values), &all[..space.axes().count()]);
         });
         squares.error(world)
     };

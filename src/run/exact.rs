@@ -14,12 +14,13 @@ use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::sheet::sums::ExactMoments;
-use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::results::dataset::ExactSolution;
 use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use crate::solve::rank_cells::RankCells;
+use std::ops::Range;
 use std::time::Instant;
 
 /// The exact solution of a run on a rank's share.
@@ -63,17 +64,15 @@ pub fn exact_run(
     let Some(exact) = &case.exact else { return Ok(run) };
     let times = times(case);
     let mut watch = ExactWatch::new(prints, times.len());
-    let mut values_of = None;
+    let by_sheet = case.is_measure_valued() && matches!(exact, Exact::Characteristics);
+    let values_of = match by_sheet {
+        true => None,
+        false => Some(ExactValues::new(world, case, exact)?),
+    };
     for time in times {
-        let found = match moments_of_sheet(world, case, rank_cells, time)? {
-            Some(found) => found,
-            None => {
-                let values_of = match &values_of {
-                    Some(values_of) => values_of,
-                    None => values_of.insert(ExactValues::new(world, case, exact)?),
-                };
-                at_time(world, case, rank_cells, time, values_of)?
-            }
+        let found = match &values_of {
+            Some(values_of) => at_time(world, case, rank_cells, time, values_of)?,
+            None => moments_of_sheet(world, case, rank_cells, time)?,
         };
         run.moments.push(found.moments);
         if time == case.end {
@@ -133,23 +132,22 @@ fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
     })
 }
 
-/// The exact moments of measure-valued data at a time on `rank_cells`, as averages over cells;
-/// `None` for other data. Collective.
+/// The exact moments of measure-valued data at a time on `rank_cells`, as averages over cells.
+/// Collective.
 fn moments_of_sheet(
     world: &Group,
     case: &Case,
     rank_cells: &RankCells,
     time: f64,
-) -> Result<Option<AtTime>> {
-    if !matches!(case.exact, Some(Exact::Characteristics)) {
-        return Ok(None);
-    }
-    let exact = exact_moments(world, &Case { end: time, ..case.clone() }, &rank_cells.share)?;
-    Ok(exact.map(|ExactMoments { density, momentum, velocity, curve }| AtTime {
+) -> Result<AtTime> {
+    let case = Case { end: time, ..case.clone() };
+    let ExactMoments { density, momentum, velocity, curve } =
+        exact_moments(world, &case, &rank_cells.share)?;
+    Ok(AtTime {
         exact: ExactSolution::Measure { curve },
         moments: Moments { density, momentum, velocity, kinetic: Vec::new() },
         density_errors: Vec::new(),
-    }))
+    })
 }
 
 /// The exact solution at a time on `rank_cells`: `f` at cell centres, and its moments. These are
@@ -188,9 +186,7 @@ fn at_time(
             (moments, errors)
         }
         None => {
-            let mut cells = Vec::new();
-            for_each_cell(&rank_cells.share, |cell| cells.push(*cell));
-            let found = integrals.on_cells(case, &cells);
+            let found = integrals.on_cells(case, &cells(&rank_cells.share));
             let errors = found.iter().map(|integral| integral.error).collect();
             let moments = found.into_iter().map(|integral| integral.moments);
             (Moments::new(world, n, moments), errors)
@@ -199,15 +195,23 @@ fn at_time(
     Ok(AtTime { exact: ExactSolution::Field(values), moments, density_errors })
 }
 
+/// The space cells of a box, row-major.
+fn cells(ranges: &[Range<usize>]) -> Vec<[usize; MAX_DIMENSION]> {
+    let mut cells = Vec::new();
+    for_each_cell(ranges, |cell| cells.push(*cell));
+    cells
+}
+
 /// The exact density at the end, averaged over equal cells of space, as many as `case` has. The
 /// same on all ranks. Collective.
 ///
 /// # Errors
 /// If the exact solution is not finite.
 pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
-    let mut share: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
+    let mut share = case.space.space_ranges();
     share[0] = split(&share[0], group.size(), group.rank());
-    if let Some(moments) = exact_moments(group, case, &share)? {
+    if case.is_measure_valued() {
+        let moments = exact_moments(group, case, &share)?;
         // The share is a range of the row-major cells.
         let layer = case.space.space_cells() / case.space.x[0].cells;
         let mut density = vec![0.0; case.space.space_cells()];
@@ -222,9 +226,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     let x = case.space.x.iter().map(equal).collect();
     let case = Case { space: PhaseSpace { x, ..case.space.clone() }, ..case.clone() };
     let integrals = VelocityIntegrals::on_grid(group, &values_of, &case, case.end);
-    let ranges: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
-    let mut cells = Vec::new();
-    for_each_cell(&ranges, |cell| cells.push(*cell));
+    let cells = cells(&case.space.space_ranges());
     let mine = split(&(0..cells.len()), group.size(), group.rank());
     let mut density = vec![0.0; cells.len()];
     let found = integrals.on_cells(&case, &cells[mine.clone()]);

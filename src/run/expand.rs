@@ -7,10 +7,10 @@ use crate::problem::case::Case;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, ExactSolution, slices};
 use crate::results::result_grid::ResultGrid;
-use crate::results::summary::{ErrorNorms, GridErrors, Summary};
-use crate::run::compare::{FieldNorms, moment_errors};
+use crate::results::summary::{GridErrors, Summary};
 use crate::run::errors;
 use crate::run::exact::ExactRun;
+use crate::run::norms::FieldNorms;
 use crate::run::positive;
 use crate::run::solved::SolvedFields;
 use crate::solve::prepared::Prepared;
@@ -53,15 +53,14 @@ pub(crate) fn expand(
     let (world, case) = (&prepared.communicator.world, &result_grid.case);
     let volumes = CellVolumes::new(&case.space, &result_grid.share(share));
     if case.positive {
-        let norms = FieldNorms { world, volumes: volumes.clone(), f: &fields[0] };
-        summary.minimum_before_limiting = Some(-norms.largest(|x| -x));
+        let norms = FieldNorms { world, volumes: &volumes, f: &fields[0] };
+        let [minimum, _] = norms.range();
+        summary.minimum_before_limiting = Some(minimum);
         positive::limit(&case.space, &result_grid.share(share), &mut fields[0]);
     }
-    let norms = |f| FieldNorms { world, volumes: volumes.clone(), f };
     for (field, summary) in fields.iter().zip(&mut summary.fields) {
-        let norms = norms(field);
-        summary.minimum = -norms.largest(|x| -x);
-        summary.maximum = norms.largest(|x| x);
+        let norms = FieldNorms { world, volumes: &volumes, f: field };
+        [summary.minimum, summary.maximum] = norms.range();
     }
     let moments = moments(world, case, &result_grid.share(share), &slices(&fields));
     let potential = nodal_values(case, &result_grid.share(share));
@@ -118,8 +117,7 @@ impl ResultOnShare<'_> {
         let errors = match (&case.exact, case.space.whole_degree()) {
             (Some(kind), 1..) => errors::by_elements(world, case, kind, share, self.field)?,
             _ => {
-                let norms = FieldNorms { world, volumes: volumes.clone(), f: self.field };
-                let field = field_errors(&norms, values);
+                let field = FieldNorms { world, volumes, f: self.field }.errors(values);
                 errors::by_cells(world, volumes, field, self.moments, moments)
             }
         };
@@ -136,16 +134,20 @@ impl ResultOnShare<'_> {
     /// Collective.
     fn set_moment_errors(&self, exact: &Moments, summary: &mut Summary) {
         let Self { world, volumes, moments, .. } = *self;
-        let [density, velocity] = moment_errors(world, volumes, moments, exact);
-        let norms = errors::over_space(world, volumes, &[(&moments.density, &exact.density)]);
-        let density = ErrorNorms { l1: density, ..norms };
+        let density = errors::over_space(world, volumes, &[(&moments.density, &exact.density)]);
         summary.set_errors(&GridErrors { field: None, density, momentum: None, exact_mass: None });
-        summary.error_velocity_l1 = Some(velocity);
+        summary.error_velocity_l1 = Some(velocity_error(world, volumes, moments, exact));
     }
 }
 
-/// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and these norms of `f_exact` itself. Collective.
-fn field_errors(found: &FieldNorms<'_>, exact: &[f64]) -> ErrorNorms {
-    let sums = found.volumes.sums(found.world, |i| errors::norm_terms(found.f[i], exact[i]));
-    ErrorNorms::of_sums(sums.map(|sum| sum * found.volumes.mean()))
+/// `Σ_a ∫ |u_a − u_exact,a| dx` over the cells that have an exact mean velocity. If the result has
+/// none there, it counts as zero. Collective.
+fn velocity_error(world: &Group, volumes: &CellVolumes, found: &Moments, exact: &Moments) -> f64 {
+    let velocity = |c: usize| -> f64 {
+        let pairs = found.velocity.iter().zip(&exact.velocity);
+        let known = pairs.map(|(u, exact)| [u[c], exact[c]]).filter(|[_, exact]| !exact.is_nan());
+        known.map(|[u, exact]| (if u.is_nan() { 0.0 } else { u } - exact).abs()).sum()
+    };
+    let [error] = volumes.integrals(world, |c| [velocity(c)]);
+    error
 }

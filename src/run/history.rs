@@ -4,12 +4,11 @@ use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors,
 use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, slices};
-use crate::run::solved::EarlyStates;
 use crate::solve::prepared::Prepared;
 
-/// Moments and fields at the output times, from the states or sums recovered there,
-/// `[field][time]`. Collective.
-pub(super) fn history(prepared: &Prepared, mut recovered: EarlyStates) -> Vec<EarlyResult> {
+/// Moments and fields at the output times before the end. `recovered` is the state `ũ` there, or
+/// its sums over velocities if only moments are wanted: `[field][time]`. Collective.
+pub(super) fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<EarlyResult> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.rank_cells.share);
     let potential = nodal_values(case, &prepared.rank_cells.share);

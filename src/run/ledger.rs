@@ -17,7 +17,7 @@ use crate::base::quadrature::gauss_legendre;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, Data};
+use crate::problem::case::Case;
 use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
 use crate::problem::grid::{AxisEnd, PhaseSpace, axis_names, coordinate};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
@@ -26,7 +26,7 @@ use crate::run::ledger::arrivals::Arrivals;
 use crate::run::ledger::draw::{
     Particle, ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
 };
-use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker, end_index};
+use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker};
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 
@@ -69,14 +69,15 @@ pub struct LedgerBeforeRun {
 /// # Errors
 /// If `V` is not finite.
 pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
-    let LedgerBeforeRun { mut ledger, mut arrivals } = LedgerBeforeRun::default();
+    let mut found = LedgerBeforeRun::default();
+    let ledger = &mut found.ledger;
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \
              {MOST_EXAMINED} are examined",
             case.space.space_cells()
         ));
-        return Ok(LedgerBeforeRun { ledger, arrivals });
+        return Ok(found);
     }
     ledger.regions = regions(case);
     ledger.jumps = jumps(&case.space, &Potential::whole(case)?);
@@ -87,16 +88,16 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
         ledger.omitted.push(why);
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
-        let found = estimate(world, case, &tracer, &mut ledger);
+        let arrivals = estimate(world, case, &tracer, ledger);
         if tracer.is_accurate() {
-            arrivals = found;
+            found.arrivals = arrivals;
         }
     }
-    if matches!(case.data, Data::Measure { .. }) {
+    if case.is_measure_valued() {
         let why = "mass that entered: with measure-valued data it is not linear in the fields";
-        ledger.omitted.push(why.into());
+        found.ledger.omitted.push(why.into());
     }
-    Ok(LedgerBeforeRun { ledger, arrivals })
+    Ok(found)
 }
 
 /// The widths of the regions between other regions.
@@ -149,18 +150,18 @@ impl SourceEstimates {
     /// Draws and follows the particles of all sources. Collective.
     fn follow(
         world: &Group,
-        drawer: &ParticleSampler<'_>,
+        sampler: &ParticleSampler<'_>,
         tracker: &mut ParticleTracker<'_>,
         points: usize,
     ) -> Self {
-        let case = drawer.case;
-        let initial = replicated(world, drawer, tracker, ParticleSource::Initial, points);
-        let (n, measure) = (case.space.dimension(), drawer.is_measure());
+        let case = sampler.case;
+        let initial = replicated(world, sampler, tracker, ParticleSource::Initial, points);
+        let (n, measure) = (case.space.dimension(), case.is_measure_valued());
         let entering = case.space.open_ends().into_iter();
         let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
         let mut follow = |end: AxisEnd| {
             let source = ParticleSource::Entering(end);
-            (end, replicated(world, drawer, tracker, source, points))
+            (end, replicated(world, sampler, tracker, source, points))
         };
         let entering = entering.map(&mut follow).collect();
         Self { initial, entering }
@@ -187,19 +188,16 @@ impl SourceEstimates {
         squares.sum::<f64>().sqrt()
     }
 
-    /// Standard error of all mass that leaves.
+    /// Standard error of all mass that leaves. That of a source is the scatter of its sum over the
+    /// ends, as a particle that leaves through one end does not leave through another.
     fn error_of_outflow(&self) -> f64 {
-        let squares = |found: &TallyEstimate| {
-            let ends = found.error.outflow.iter().chain(&found.error.at_jumps);
-            ends.map(|error| error * error).sum::<f64>()
-        };
-        self.all().map(squares).sum::<f64>().sqrt()
+        self.all().map(|found| found.error.left * found.error.left).sum::<f64>().sqrt()
     }
 }
 
 /// Puts the estimates by particles into `ledger`. Returns those in the box at the end. Collective.
 fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger) -> Arrivals {
-    let measure = matches!(case.data, Data::Measure { .. });
+    let measure = case.is_measure_valued();
     let cells = if measure { case.space.space_cells() } else { case.space.cells() };
     let points = (POINTS_PER_CELL * cells).clamp(LEAST_POINTS, MOST_POINTS);
     let mut within = SampleBox::whole(&case.space, 0.0);
@@ -210,8 +208,8 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
     }
     let mut tracker = ParticleTracker::new(case, tracer);
     let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
-    let drawer = ParticleSampler { case, within, force: &force };
-    let sources = SourceEstimates::follow(world, &drawer, &mut tracker, points);
+    let sampler = ParticleSampler { case, within, force: &force };
+    let sources = SourceEstimates::follow(world, &sampler, &mut tracker, points);
     let mass = &mut ledger.mass;
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
@@ -241,7 +239,7 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
 fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
     let names = axis_names(case.space.dimension());
     for end in case.space.open_ends() {
-        let at = end_index(end);
+        let at = end.number();
         ledger.ends.push(BoxEnd {
             axis: names[end.axis].to_owned(),
             end: if end.upper { "upper" } else { "lower" }.to_owned(),
@@ -253,7 +251,7 @@ fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
     let left = ledger.ends.iter().map(|end| end.outflow + end.outflow_at_jumps).sum();
     let mass = &mut ledger.mass;
     mass.particles = REPLICATES * (FOLLOWED[0] + FOLLOWED[1] * sources.entering.len());
-    let is_measure = matches!(case.data, Data::Measure { .. });
+    let is_measure = case.is_measure_valued();
     if is_measure && law_of(case.interface).may_grow() {
         let why =
             "mass that the interface law adds: it changes phi and psi, not the density itself";
@@ -269,7 +267,7 @@ fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
 /// Collective.
 fn replicated(
     world: &Group,
-    drawer: &ParticleSampler<'_>,
+    sampler: &ParticleSampler<'_>,
     tracker: &mut ParticleTracker<'_>,
     source: ParticleSource,
     points: usize,
@@ -278,8 +276,8 @@ fn replicated(
     let many = points / REPLICATES;
     let tallies: Vec<[f64; NUMBERS]> = mine
         .map(|replicate| {
-            let sequence = SampleSequence::new(drawer.dimensions(), replicate);
-            let drawn = drawer.draw(source, &sequence, 0..many);
+            let sequence = SampleSequence::new(sampler.dimensions(), source.seed(replicate));
+            let drawn = sampler.draw(source, &sequence, 0..many);
             let mut tally = ParticleTally::default();
             let mut inside: Vec<Particle> = Vec::new();
             for particle in drawn {
@@ -289,7 +287,7 @@ fn replicated(
                 }
             }
             let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
-            if !drawer.case.reflects() {
+            if !sampler.case.reflects() {
                 for particle in resampled(inside, followed, sequence.offset) {
                     tracker.follow(replicate, &mut tally, &particle, 1.0 / many as f64);
                 }
@@ -326,12 +324,12 @@ impl DataSupport {
         let n = space.dimension();
         let wide = SampleBox::whole(space, BEYOND);
         let sequence = SampleSequence::new(2 * n, 0);
-        let drawer = ParticleSampler { case, within: wide, force: &|_, _| 0.0 };
+        let sampler = ParticleSampler { case, within: wide, force: &|_, _| 0.0 };
         let mut numbers = (world.rank()..points).step_by(world.size()).peekable();
         let (mut inside, mut beyond) = (Vec::new(), Vec::new());
         while numbers.peek().is_some() {
             let block = numbers.by_ref().take(POINTS_AT_ONCE);
-            for particle in drawer.draw(ParticleSource::Initial, &sequence, block) {
+            for particle in sampler.draw(ParticleSource::Initial, &sequence, block) {
                 match particle.inside {
                     true => inside.push(particle.point),
                     false => beyond.push(particle.mass.abs()),
@@ -395,7 +393,7 @@ fn box_around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
 /// measure-valued data. Collective.
 pub fn entered_mass(prepared: &Prepared) -> Option<f64> {
     let (case, system) = (&prepared.case, &prepared.system);
-    if !matches!(case.data, Data::Density) {
+    if case.is_measure_valued() {
         return None;
     }
     if !case.enters() {
@@ -459,5 +457,25 @@ impl Ledger {
             kinetic: Some(end.kinetic),
             potential: Some(end.potential),
         };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What leaves through one end does not leave through another: their errors cancel within a
+    /// source, and those of sources add in quadrature.
+    #[test]
+    fn errors_of_ends_are_those_of_their_sum() {
+        let estimate = |left: f64| {
+            let mut error = ParticleTally { left, ..ParticleTally::default() };
+            (error.outflow[0], error.outflow[1]) = (1.0, 1.0);
+            TallyEstimate { mean: ParticleTally::default(), error }
+        };
+        let end = AxisEnd { axis: 0, upper: true };
+        let sources =
+            SourceEstimates { initial: estimate(0.3), entering: vec![(end, estimate(0.4))] };
+        assert!((sources.error_of_outflow() - 0.5).abs() < 1e-15);
     }
 }

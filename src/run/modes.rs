@@ -19,9 +19,10 @@ use crate::results::summary::Summary;
 use crate::results::warped;
 use crate::results::warped::initial_file::{ModesFromFile, ReadField, ReadingDomain, WarpedFile};
 use crate::results::warped::spread::Spread;
-use crate::run::compare::FieldNorms;
+use crate::run::checkpointing::Checkpointing;
 use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::history::history;
+use crate::run::norms::{FieldNorms, volumes_of};
 use crate::run::solved::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::store::Generation;
@@ -58,19 +59,11 @@ pub(crate) fn by_modes(
     let left = cost_left(&plan.layout.groups[communicator.modes.rank()], stages, resumed.as_ref());
     let mut progress = Progress::new(*prints, "modes", left * fields / stages);
     let modes: Vec<Vec<usize>> = plan.layout.modes();
-    let spread = Spread {
-        communicator,
-        space: &case.space,
-        block: &rank_cells.block,
-        modes: &modes,
-        pi: &system.weights.pi[..rank_cells.block.cells()],
-        buffers: BUFFERS,
-    };
+    let spread = spread(communicator, case, rank_cells, &modes, &system.weights.pi);
     let planned = DistributedModes { case, plan, warp, spread: &spread };
     let mut start = ModeStart::new(planned, system)?;
-    if let (Some(begun), Some(checkpointing)) = (&start.begun, &mut checkpointing) {
-        let generation = resumed.as_ref().map(|r| &r.generation);
-        checkpointing.store.begins_with(begun.checksum, generation)?;
+    if let Some(checkpointing) = &mut checkpointing {
+        start.check(checkpointing, resumed.as_ref())?;
     }
     let rows = system.matrix.rows();
     let initial = start.states(&system.states, rows);
@@ -84,11 +77,8 @@ pub(crate) fn by_modes(
         terms: system.terms,
         interruption: Interruption::new(&communicator.space, rows, stop),
     };
-    let mut checkpoints = checkpointing.map(|c| {
-        let size = RunSize { modes: warp.modes, stages };
-        let mesh = &plan.layout.mesh;
-        Checkpoints::new(communicator, mesh, &mut c.store, c.times.clone(), size, resumed)
-    });
+    let size = RunSize { modes: warp.modes, stages };
+    let mut checkpoints = checkpointing.map(|c| checkpoints(c, communicator, plan, size, resumed));
     let schedule = system.schedule.as_ref();
     let mode_run = ModeRun { planned, rank_cells, schedule, initial: &initial };
     let (kept, warped) = (start.kept.as_mut(), warped.as_mut());
@@ -100,6 +90,18 @@ pub(crate) fn by_modes(
     drop(start.kept);
     let warning = start.begun.and_then(|begun| begun.warning);
     Ok(Some(SolvedFields { warning, ..unweighted(prepared, recovered, summary) }))
+}
+
+/// The distribution of `modes` and of cells with the weights `pi` over the ranks.
+fn spread<'a>(
+    communicator: &'a Communicator,
+    case: &'a Case,
+    rank_cells: &'a RankCells,
+    modes: &'a [Vec<usize>],
+    pi: &'a [f64],
+) -> Spread<'a> {
+    let (space, block) = (&case.space, &rank_cells.block);
+    Spread { communicator, space, block, modes, pi: &pi[..block.cells()], buffers: BUFFERS }
 }
 
 /// A case that is solved by modes, its plan, and the distribution of its modes and cells.
@@ -152,6 +154,20 @@ impl ModeStart {
         Ok(Self { norms: system.states.iter().map(norm).collect(), kept, begun })
     }
 
+    /// Checks that a checkpoint is of the file that the modes start from, if there is one.
+    ///
+    /// # Errors
+    /// As [`Store::begins_with`](crate::solve::checkpoint::store::Store::begins_with).
+    fn check(
+        &self,
+        checkpointing: &mut Checkpointing,
+        resumed: Option<&ResumePoint<'_>>,
+    ) -> Result<()> {
+        let Some(begun) = &self.begun else { return Ok(()) };
+        let generation = resumed.map(|resumed| &resumed.generation);
+        checkpointing.store.begins_with(begun.checksum, generation)
+    }
+
     /// The first `rows` numbers of the `states` of the fields, with the norms of their modes.
     fn states<'a>(&self, states: &'a [Vec<f64>], rows: usize) -> Vec<InitialState<'a>> {
         let modes = states.iter().zip(&self.norms);
@@ -187,11 +203,7 @@ impl ModeRun<'_> {
         let made = propagator(&setting, self.schedule, evolution.matrix);
         let mut propagator = communicator.world.agree(made)?;
         let factors = VelocityFactors::new(space);
-        let moments = MomentsOf {
-            factors: &factors,
-            pi: spread.pi,
-            least: space.least_relative_volume().min(1.0),
-        };
+        let moments = MomentsOf::new(space, &factors, spread.pi);
         let task = Task {
             communicator,
             warp,
@@ -271,6 +283,18 @@ fn resume_point<'a>(
     }
 }
 
+/// The checkpoints of a run of this `size`, which may be `resumed` from one.
+fn checkpoints<'a>(
+    checkpointing: &'a mut Checkpointing,
+    communicator: &'a Communicator,
+    plan: &'a Plan,
+    size: RunSize,
+    resumed: Option<ResumePoint<'a>>,
+) -> Checkpoints<'a> {
+    let Checkpointing { store, times, .. } = checkpointing;
+    Checkpoints::new(communicator, &plan.layout.mesh, store, times.clone(), size, resumed)
+}
+
 /// Puts the counts of a run by modes into `summary`, summed over all groups. Collective.
 fn set_counts(summary: &mut Summary, recovered: &RecoveredFields, communicator: &Communicator) {
     let groups = &communicator.modes;
@@ -293,8 +317,9 @@ fn unweighted(
     let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
         .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
         .collect();
+    let volumes = volumes_of(prepared);
     let norms: Vec<FieldNorms<'_>> =
-        (fields.iter()).map(|readings| FieldNorms::new(prepared, &readings[0])).collect();
+        (fields.iter()).map(|readings| FieldNorms::new(prepared, &volumes, &readings[0])).collect();
     summary.step_error = (norms.iter().zip(recovered.step_errors))
         .map(|(norms, error)| norms.relative(&prepared.unweighted(error)))
         .filter(|e| e.is_finite())

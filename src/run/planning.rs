@@ -51,7 +51,7 @@ impl MeasuredCase {
     /// [`Prepared::new`].
     pub fn new(world: &World, case: &Case, resources: &Resources) -> Result<Self> {
         let all = world.group();
-        let case = reduced_with_start(&all, case)?;
+        let case = read_and_reduced(&all, case)?;
         let bounds = bounds_if_it_fits(&case, resources)?;
         let updates = case.space.cells() as f64 * (bounds.rate * case.duration()).max(1.0);
         let is_unbounded = bounds.growth.is_infinite();
@@ -101,12 +101,12 @@ impl RunPlans {
     }
 }
 
-/// [`with_start`], reduced as a run does it. Collective.
+/// [`with_files_read`], reduced as a run does it. Collective.
 ///
 /// # Errors
-/// As [`with_start`] and [`reduced`].
-pub fn reduced_with_start(world: &Group, case: &Case) -> Result<Case> {
-    reduced(world, &*with_start(world, case)?)
+/// As [`with_files_read`] and [`reduced`].
+pub fn read_and_reduced(world: &Group, case: &Case) -> Result<Case> {
+    reduced(world, &*with_files_read(world, case)?)
 }
 
 /// The case with data of the files that it names: points of a warped field, origin of a field,
@@ -114,7 +114,7 @@ pub fn reduced_with_start(world: &Group, case: &Case) -> Result<Case> {
 ///
 /// # Errors
 /// As [`WarpedFile::new`], [`origin`] and [`with_tables`].
-pub fn with_start<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+pub fn with_files_read<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let case = with_tables(world, case)?;
     if let Some(start) = &case.start_field {
         let origin = Some(origin(world, start, &case)?);

@@ -13,7 +13,3 @@ pub(crate) struct SolvedFields {
     /// A warning about the modes that the run started from.
     pub warning: Option<String>,
 }
-
-/// The state `ũ` at the end of each leg but the last, or its sums over velocities if only moments
-/// are wanted: `[field][leg]`.
-pub(crate) type EarlyStates = Vec<Vec<Vec<f64>>>;

@@ -199,7 +199,7 @@ impl<'a> Driver<'a> {
         let writing_seconds = output.warped.map_or(0.0, |warped| warped.writing_seconds);
         self.log.watch.part("write", writing_seconds);
         self.log.watch.lap("solve");
-        solution.warning.iter().for_each(|warning| self.log.warn_later(warning.clone()));
+        self.warn_later(solution.warning.clone());
         solution.early.splice(0..0, start.early.take());
         Ok(solution)
     }
@@ -214,11 +214,11 @@ impl<'a> Driver<'a> {
         planned: &mut PlannedRun,
         solution: &SolvedFields,
     ) -> Result<FieldErrors> {
-        let (prepared, log, summary) = (&mut planned.prepared, &mut self.log, &mut self.summary);
+        let prepared = &mut planned.prepared;
         compare::refuse_not_finite(prepared, solution)?;
-        for warning in compare::compare(prepared, solution, summary) {
-            log.warn_later(warning);
-        }
+        let warnings = compare::compare(prepared, solution, &mut self.summary);
+        self.warn_later(warnings);
+        let (log, summary) = (&mut self.log, &mut self.summary);
         if prepared.case.verify {
             compare::verify(prepared, solution, log.prints, summary);
             log.watch.lap("verify");

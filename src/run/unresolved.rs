@@ -1,10 +1,10 @@
 //! Warnings of parts of the case that the scheme does not resolve, and of settings without effect.
 
 use crate::base::text::{coordinate_text, counted, percent, short};
-use crate::problem::case::{Case, Data, Inflow, Region, TableOf};
+use crate::problem::case::{Case, Inflow, Region, TableOf};
 use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::formula::Expression;
-use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::ObliqueEdge;
 use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
@@ -36,7 +36,7 @@ fn variation_in_cells(case: &Case) -> Option<String> {
     /// The largest relative L2 distance of the data from their values at the centres.
     const LARGE: f64 = 0.5;
     let starts_elsewhere = case.start.is_some() || case.start_field.is_some();
-    if starts_elsewhere || case.space.degree() > 0 || !matches!(case.data, Data::Density) {
+    if starts_elsewhere || case.space.degree() > 0 || case.is_measure_valued() {
         return None;
     }
     let points = case.space.random_points(POINTS);
@@ -73,7 +73,7 @@ fn potential_key(potential: &[Region], region: usize) -> String {
 
 fn between_points(case: &Case, found: &PotentialMismatch) -> String {
     let PotentialMismatch { region, axis, point, written, taken, elements } = found;
-    let (name, along) = (["x", "y", "z"][*axis], &case.space.x[*axis]);
+    let (name, along) = (SPACE_NAMES[*axis], &case.space.x[*axis]);
     let element = along.position(point[*axis]).floor() as i64;
     let [lower, upper] =
         [element, element + 1].map(|face| coordinate_text(along.face(face), along.width()));
@@ -94,7 +94,7 @@ fn between_points(case: &Case, found: &PotentialMismatch) -> String {
 
 /// A place in space, to a hundredth of a cell.
 fn at_point(space: &PhaseSpace, point: &[f64; 6]) -> String {
-    let axes = space.x.iter().zip(["x", "y", "z"]).zip(point);
+    let axes = space.x.iter().zip(SPACE_NAMES).zip(point);
     let text = |((axis, name), at): ((&Axis, &str), &f64)| {
         format!("{name} = {}", coordinate_text(*at, axis.width()))
     };

@@ -3,6 +3,7 @@
 use crate::base::text::{coordinate_text, counted};
 use crate::plan::Plan;
 use crate::problem::case::{Case, Delta, Method, Region};
+use crate::problem::grid::SPACE_NAMES;
 use crate::problem::potential::oblique::oblique_edges;
 use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, unresolved_regions};
 use crate::run::unresolved::{oblique_edge, unresolved_parts};
@@ -56,7 +57,7 @@ fn stray_edge(edge: &StrayEdge) -> String {
     format!(
         "potential: a region's edge at {} = {} misses the faces of the grid; \
          it is moved to {}, by {:.2e}",
-        ["x", "y", "z"][edge.axis],
+        SPACE_NAMES[edge.axis],
         coordinate_text(edge.at, moved),
         coordinate_text(edge.face, moved),
         moved

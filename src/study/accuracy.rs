@@ -9,7 +9,7 @@ use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::advise::report::warnings;
 use crate::study::advise::setups::SetupReport;
-use crate::study::advise::{Request, advise};
+use crate::study::advise::{AdviceRequest, advise};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -95,10 +95,7 @@ pub fn refuse_foreign(world: &World, directory: &Path) -> Result<()> {
         if !directory.join(CHOICE).exists() || ChosenSetup::read(directory).is_some() {
             return Ok(());
         }
-        let reason = format!(
-            "it holds {CHOICE}, which no run wrote; --force replaces it, -o gives another directory"
-        );
-        Err(Error::Directory { path: directory.to_owned(), reason })
+        Err(disk::not_replaced(directory, &format!("{CHOICE}, which no run wrote")))
     })
 }
 
@@ -108,8 +105,8 @@ pub fn refuse_foreign(world: &World, directory: &Path) -> Result<()> {
 /// # Errors
 /// As [`advise`]; [`Error::Input`] if nothing is advised, or only what takes
 /// [`too_long`](SetupReport::too_long).
-pub fn chosen(world: &World, case: &Case, request: Request) -> Result<Case> {
-    let Request { accuracy, budget } = request;
+pub fn chosen(world: &World, case: &Case, request: AdviceRequest) -> Result<Case> {
+    let AdviceRequest { accuracy, budget } = request;
     let advised = advise(world, case, request)?;
     let Some(entry) = advised.best_of(case.method) else {
         let why = advised.why_nothing(case.method);
@@ -118,7 +115,7 @@ pub fn chosen(world: &World, case: &Case, request: Request) -> Result<Case> {
     if let Some(why) = entry.too_long(budget) {
         return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));
     }
-    if world.group().rank() == 0 {
+    if world.group().is_first() {
         report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
         let of_advice = warnings(case, std::slice::from_ref(entry));
         for warning in of_advice.into_iter().chain(expensive(entry, budget)) {

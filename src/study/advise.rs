@@ -52,7 +52,7 @@ const ROUND_OFF: f64 = 1e-9;
 
 /// The request of the user.
 #[derive(Clone, Copy, Debug)]
-pub struct Request {
+pub struct AdviceRequest {
     /// Relative L1 error of the density.
     pub accuracy: f64,
     /// Seconds for all trials, about.
@@ -65,13 +65,13 @@ pub struct Request {
 /// # Errors
 /// [`Error::Input`] if nothing reaches the accuracy, and for a case that starts from a file; the
 /// error of a trial if none succeeds.
-pub fn advise(world: &World, case: &Case, request: Request) -> Result<AdviceReport> {
+pub fn advise(world: &World, case: &Case, request: AdviceRequest) -> Result<AdviceReport> {
     let budget = Budget::new(world, request.budget);
     refuse_start_from_file(case, "advice takes other grids than that of the file")?;
     refuse_slow_grid(world, case, request.budget)?;
     let mut study = Study::new(world, case, request, budget)?;
     let mut advised = study.search();
-    while study.may_find_cheaper(&advised) && study.trials.budget.count_anew() {
+    while study.may_find_cheaper(&advised) && study.trials.budget.recount() {
         advised = study.search();
     }
     advised
@@ -87,7 +87,7 @@ struct SetupCandidate {
 struct Study<'a> {
     world: &'a World,
     case: &'a Case,
-    request: Request,
+    request: AdviceRequest,
     /// Whether `V` jumps.
     jumps: bool,
     trials: Trials<'a>,
@@ -100,7 +100,12 @@ struct Study<'a> {
 }
 
 impl<'a> Study<'a> {
-    fn new(world: &'a World, case: &'a Case, request: Request, budget: Budget) -> Result<Self> {
+    fn new(
+        world: &'a World,
+        case: &'a Case,
+        request: AdviceRequest,
+        budget: Budget,
+    ) -> Result<Self> {
         let base = base_case(case)?;
         refuse_too_large_here(world, &base)?;
         let trials = Trials::new(world, base, case.exact.clone(), budget)?;
@@ -153,7 +158,7 @@ impl<'a> Study<'a> {
         let Some(best) = best else { return self.ended };
         let budget = &self.trials.budget;
         let is_long = best.seconds.is_none_or(|seconds| seconds > budget.elapsed());
-        !budget.holds(best.updates(), EXPENSIVE) && budget.decide(is_long)
+        !budget.fits_count(best.updates(), EXPENSIVE) && budget.decide(is_long)
     }
 
     fn name(&self, method: Method, scheme: SchemeChoice) -> String {

@@ -41,6 +41,12 @@ pub fn refuse_slow_grid(world: &World, case: &Case, limit: f64) -> Result<()> {
 }
 
 /// The time limit of a study, and the part of it that was used.
+///
+/// [`fits_count`](Self::fits_count) goes by counted updates alone. [`fits`](Self::fits) goes by
+/// both measures, the count and rank 0's clock. [`fits_first`](Self::fits_first) goes by this
+/// rank's clock, [`has_time_for`](Self::has_time_for) by rank 0's.
+/// [`recount`](Self::recount) allows for updates by the clock, and
+/// [`seconds_for`](Self::seconds_for) turns updates into seconds.
 pub struct Budget {
     all: Group,
     started: Instant,
@@ -87,7 +93,7 @@ impl Budget {
     }
 
     /// Whether a first trial of `seconds` fits into the budget. By this rank's clock.
-    pub fn holds_first(&self, seconds: f64) -> bool {
+    pub fn fits_first(&self, seconds: f64) -> bool {
         self.elapsed() + seconds <= self.limit.max(SHORTEST_TRIAL)
     }
 
@@ -133,20 +139,20 @@ impl Budget {
     }
 
     /// Whether `updates` are at most this `part` of the whole budget.
-    pub fn holds(&self, updates: f64, part: f64) -> bool {
+    pub fn fits_count(&self, updates: f64, part: f64) -> bool {
         updates <= part * self.allowed
     }
 
     /// Whether `updates` more still fit into this `part` of the budget by count, and rank 0's clock
     /// has not passed the limit. Collective.
-    pub fn allows(&self, updates: f64, part: f64) -> bool {
+    pub fn fits(&self, updates: f64, part: f64) -> bool {
         let late = self.decide(self.elapsed() > self.limit);
-        !late && self.holds(self.counted + updates, part)
+        !late && self.fits_count(self.counted + updates, part)
     }
 
     /// A budget in seconds of which a trial of `updates` takes the `part`, on a machine as fast as
     /// counting allows for.
-    pub fn that_holds(updates: f64, part: f64) -> f64 {
+    pub fn seconds_for(updates: f64, part: f64) -> f64 {
         updates / (part * MOST_MORE * UPDATES_PER_SECOND)
     }
 
@@ -154,7 +160,7 @@ impl Budget {
     /// of the time left, at the rate so far or since counting began, whichever is higher, and at
     /// most [`MOST_MORE`] times what was allowed before. Changes nothing and returns false if that
     /// is less than a quarter of it, or no more than it although nothing was counted. Collective.
-    pub fn count_anew(&mut self) -> bool {
+    pub fn recount(&mut self) -> bool {
         let now = self.elapsed();
         let rate = (self.counted_before + self.counted) / now;
         let rate = rate.max(self.counted / (now - self.counting_since));

@@ -99,17 +99,25 @@ impl fmt::Display for Calibration {
     }
 }
 
+/// A run whose seconds were measured. Seconds on other numbers of ranks follow by scaling.
+pub struct CalibratedRun {
+    /// The plan.
+    pub plan: Plan,
+    /// Calibration of the run.
+    pub calibration: Calibration,
+}
+
 /// The plan of a run on `resources`, and its expected seconds and memory, measured on the ranks of
 /// `world`. Collective.
 ///
 /// # Errors
 /// As [`planning::plan`]; [`crate::base::error::Error::Memory`] where a rank's block does not fit
 /// into this machine.
-pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(Plan, Calibration)> {
+pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<CalibratedRun> {
     let started = Instant::now();
     let all = world.group();
     let mut watch = Stopwatch::start(0.0);
-    let case = &planning::reduced_with_start(&all, case)?;
+    let case = &planning::read_and_reduced(&all, case)?;
     let ProvisionalPlan { bounds, plan: provisional } = ProvisionalPlan::new(case, resources)?;
     let limited = Resources { memory_per_rank: Some(memory_per_rank(&all)), ..resources.clone() };
     let warp = provisional.warp.as_ref();
@@ -145,7 +153,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<(P
         wall_seconds: seconds.values().sum(),
         seconds,
     };
-    Ok((plan, calibration))
+    Ok(CalibratedRun { plan, calibration })
 }
 
 /// The run that is calibrated, with its plan before growth and norms are measured.
@@ -169,7 +177,7 @@ impl CalibratedCase<'_> {
         let mesh = &plan.layout.mesh;
         let (part, here) = match self.whole() {
             true => (self.case.clone(), mesh.clone()),
-            false => part_of(self.case, mesh, self.world.group().size()),
+            false => cut_in_space(self.case, mesh, self.world.group().size()),
         };
         let sweeps = self.provisional.max_weight_sweeps();
         let mut plan = plan.clone();
@@ -251,7 +259,7 @@ fn seconds_to_write(case: &Case, plan: &Plan) -> f64 {
 
 /// `case` on the middle of its box, cut down to as many blocks of the size of those of `mesh` as
 /// `ranks` ranks can take, and the mesh of these blocks.
-fn part_of(case: &Case, mesh: &ProcessMesh, ranks: usize) -> (Case, ProcessMesh) {
+fn cut_in_space(case: &Case, mesh: &ProcessMesh, ranks: usize) -> (Case, ProcessMesh) {
     // Along each axis a number of blocks that divides the ranks left, at most that of the run.
     let mut parts = vec![1; mesh.space.len()];
     let mut left = ranks;
@@ -297,7 +305,7 @@ mod tests {
         ] {
             let case = Case::load(&path, &sizes(cells[0], cells[1])).expect("a case");
             let mesh = ProcessMesh { space: blocks.to_vec(), groups };
-            let (part, here) = part_of(&case, &mesh, ranks);
+            let (part, here) = cut_in_space(&case, &mesh, ranks);
             assert_eq!((here.space.clone(), here.groups), (expected.0.to_vec(), expected.1));
             assert_eq!(here.ranks(), ranks);
             for (axis, (whole, a)) in part.space.x.iter().zip(case.space.x.iter().zip(0..)) {

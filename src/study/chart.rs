@@ -29,9 +29,8 @@ use crate::problem::case::Case;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::chart::attempts::Attempts;
-use crate::study::chart::programme::{Programme, Setting};
+use crate::study::chart::programme::Programme;
 use crate::study::chart::result::{Chart, mark_fronts};
-use crate::study::chart::setup::Setup;
 use crate::study::chart::verdict::sentences;
 use crate::study::choices::DEGREES;
 use crate::study::grids::{Grids, grid_name, of_degree, on_grid, stray_edges};
@@ -60,20 +59,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let DegreeCases { cases, left_out } = DegreeCases::of(case);
     let programme = programme.with_degrees(&cases);
     let mut attempts = Attempts::new(world, case, &cases, jumps, budget);
-    attempts.try_all(programme.every_method());
-    let given = Setting { space: case.space.clone(), setup: Setup::Given, flux: None };
-    attempts.try_all(vec![given]);
-    attempts.try_all(programme.own_grid());
-    // If every method fails on two grids, all other trials would fail, too.
-    if !attempts.has_results() {
-        return Err(attempts.why_nothing_ran());
-    }
-    let (compared, compared_why) = attempts.grid_for_comparison(&programme);
-    attempts.try_all(programme.every_choice(&compared));
-    attempts.try_all(programme.other_degrees());
-    attempts.try_all(programme.other_grids());
-    attempts.try_all(programme.other_fluxes());
-    attempts.try_all(programme.everything(&compared));
+    let (compared, compared_why) = attempts.run_programme(&programme)?;
     let exact = match case.fields.len() {
         1 => "f",
         _ => "density",

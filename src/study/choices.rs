@@ -89,11 +89,9 @@ impl Flux {
 pub const EXACT_PROPAGATORS: [PropagatorMethod; 2] =
     [PropagatorMethod::Chebyshev, PropagatorMethod::Krylov];
 
-/// Propagators that are compared and whose error is that of their time step, with their names.
-pub const IMPLICIT_PROPAGATORS: [(&str, PropagatorMethod); 2] = [
-    ("Crank-Nicolson", PropagatorMethod::CrankNicolson),
-    ("backward Euler", PropagatorMethod::BackwardEuler),
-];
+/// Propagators that are compared and whose error is that of their time step.
+pub const IMPLICIT_PROPAGATORS: [PropagatorMethod; 2] =
+    [PropagatorMethod::CrankNicolson, PropagatorMethod::BackwardEuler];
 
 /// The choices that determine the rows of `A`, in addition to grid and potential.
 pub fn row_choices(case: &Case) -> String {

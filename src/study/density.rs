@@ -2,7 +2,6 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
-use crate::base::row_major::number;
 use crate::matrix::elements::{AxisMatrix, apply_in_elements};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
@@ -26,7 +25,7 @@ pub fn density_of(
     let mut density = vec![0.0; space.space_cells()];
     let mut mine = trial.moments.density.iter();
     for_each_cell(&trial.share, |i| {
-        let index = number(space.x.iter().map(|axis| axis.cells), i.iter().copied());
+        let index = space.space_index(i);
         if let Some(value) = mine.next() {
             density[index] = *value;
         }
@@ -77,11 +76,16 @@ pub fn distance(a: &[f64], b: &[f64]) -> f64 {
     if difference == 0.0 { 0.0 } else { difference / size }
 }
 
+/// The mean of `|ρ|`.
+pub fn mean_size(density: &[f64]) -> f64 {
+    density.iter().map(|rho| rho.abs()).sum::<f64>() / density.len() as f64
+}
+
 /// `(V ∫f²)^½ / ∫|ρ|` with `V` the volume of the phase-space box. By Cauchy and Schwarz the
 /// relative L1 distance of densities is at most this factor times the relative l2 distance of the
 /// fields. Collective.
 pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64]) -> f64 {
-    let velocities: Vec<_> = space.v.iter().map(|axis| 0..axis.cells).collect();
+    let velocities = space.velocity_ranges();
     let n = space.dimension();
     let mut values = trial.fields[0].iter();
     let mut squares = Vec::new();
@@ -96,8 +100,7 @@ pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64])
         squares.push(sum);
     });
     let square = group.sum_terms(&squares) * space.cell_volume();
-    let mean = density.iter().map(|rho| rho.abs()).sum::<f64>() / density.len() as f64;
-    let mass = mean * space.box_volume() / space.velocity_box_volume();
+    let mass = mean_size(density) * space.box_volume() / space.velocity_box_volume();
     (space.box_volume() * square).sqrt() / mass
 }
 

@@ -42,20 +42,20 @@ use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::choices::DEGREES;
-use crate::study::density::exact_density;
+use crate::study::density::{exact_density, mean_size};
 use crate::study::end_to_end::measured::MeasuredScheme;
 pub use crate::study::end_to_end::methods::{
     ClassicalMethod, ClassicalName, DegreeCost, EndToEnd, QuantumMethod, QuantumName,
 };
-use crate::study::end_to_end::task::{Candidate, DensityTask, UNITS_OF_PRICE, UNITS_OF_TRIALS};
+use crate::study::end_to_end::task::{Candidate, DensityTask};
 use crate::study::end_to_end::text::verdict;
 use crate::study::end_to_end::traced::{
     BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity, Values,
 };
-use crate::study::grids::of_degree;
+use crate::study::grids::{cells, of_degree};
 
-/// Units of progress: two schemes of every degree, and one with slopes.
-const UNITS: usize = 10 * (UNITS_OF_TRIALS + UNITS_OF_PRICE) + UNITS_OF_TRIALS;
+/// Units of progress: two units a degree and scheme, and one for slopes.
+const UNITS: usize = 21;
 /// A density that is a smaller part of the mean one than this is refused.
 const LEAST_SHARE: f64 = 1e-3;
 /// The reason why nothing is traced where `V` reflects in part.
@@ -75,7 +75,7 @@ impl EndToEnd {
         accuracy: f64,
         synthesis: RotationSynthesis,
     ) -> Result<Self> {
-        let progress = Progress::new(world.group().rank() == 0, "resources", UNITS).into();
+        let progress = Progress::new(world.group().is_first(), "resources", UNITS).into();
         let exact = exact_of(case)?;
         let PointOfTask { point, mean } = PointOfTask::new(world, case, &exact)?;
         let tracer = Tracer::new(case)?;
@@ -158,7 +158,7 @@ fn classical_methods(
 ) -> Vec<ClassicalMethod> {
     let DensityTask { world, exact, accuracy, .. } = *task;
     let case = at_point.case;
-    let mut baselines = vec![fastest_stepping(upwind, &case.title, accuracy)];
+    let mut baselines = vec![fastest_stepping(upwind, accuracy)];
     let steeper = match case.is_galerkin() {
         true => Err(no_slopes(case)),
         false => {
@@ -171,7 +171,7 @@ fn classical_methods(
         Ok(found) => stepping(ClassicalName::VanLeer, found, &case.space, accuracy),
         Err(why) => ClassicalMethod::unavailable(ClassicalName::VanLeer, why),
     });
-    task.advance(UNITS_OF_TRIALS);
+    task.advance();
     baselines.extend(match case.reflects() {
         true => [ClassicalName::Quadrature, ClassicalName::MonteCarlo]
             .map(|name| ClassicalMethod::unavailable(name, BRANCHES)),
@@ -257,8 +257,7 @@ impl PointOfTask {
         for (a, &i) in cell.iter().enumerate() {
             point[a] = case.space.x[a].centre(i as i64);
         }
-        let mean = density.iter().map(|rho| rho.abs()).sum::<f64>() / density.len() as f64;
-        Ok(Self { point, mean })
+        Ok(Self { point, mean: mean_size(&density) })
     }
 }
 
@@ -278,7 +277,7 @@ fn candidates(
     };
     let of_degree = |degree: usize| {
         let scheme = measured(degree).map_err(|error| case.reason(&error));
-        task.advance(UNITS_OF_TRIALS);
+        task.advance();
         Candidate { degree, scheme }
     };
     DEGREES.map(of_degree).collect()
@@ -292,17 +291,19 @@ fn classical(case: &Case, integrator: Integrator, limiter: Limiter) -> Case {
 }
 
 /// The exponential integrator by the degree that takes the fewest seconds.
-fn fastest_stepping(upwind: &[Candidate], title: &str, accuracy: f64) -> ClassicalMethod {
+fn fastest_stepping(upwind: &[Candidate], accuracy: f64) -> ClassicalMethod {
     const NAME: ClassicalName = ClassicalName::Exponential;
-    let all = upwind.iter().map(|Candidate { degree, scheme }| match scheme {
+    let method = |Candidate { degree, scheme }: &Candidate| match scheme {
         Ok((scheme, found)) => stepping(NAME, found, &scheme.space, accuracy),
         Err(why) => {
             ClassicalMethod { degree: Some(*degree), ..ClassicalMethod::unavailable(NAME, why) }
         }
-    });
-    let seconds = |method: &ClassicalMethod| method.seconds.or_infinite();
-    let least = all.min_by(|a, b| seconds(a).total_cmp(&seconds(b)));
-    least.unwrap_or_else(|| ClassicalMethod::unavailable(NAME, title))
+    };
+    let faster = |best: ClassicalMethod, next: ClassicalMethod| {
+        let [new, old] = [&next, &best].map(|method| method.seconds.or_infinite());
+        if new.total_cmp(&old).is_lt() { next } else { best }
+    };
+    upwind[1..].iter().map(method).fold(method(&upwind[0]), faster)
 }
 
 /// A grid method on `space` with these errors.
@@ -315,9 +316,8 @@ fn stepping(
     let factor = found.factor(accuracy);
     let n = space.dimension() as i32;
     let finest = &found.grids[found.grids.len() - 1];
-    let cells: f64 = finest.iter().map(|&n| n as f64 * factor).product();
-    let unknowns =
-        cells * space.cells() as f64 / space.elements().iter().map(|&n| n as f64).product::<f64>();
+    let elements: f64 = finest.iter().map(|&n| n as f64 * factor).product();
+    let unknowns = elements * space.cells() as f64 / cells(&space.elements());
     let seconds = found.seconds * factor.powi(2 * n + 1);
     let why = "measured on the case's grid, and the cells and steps that the measured order needs";
     ClassicalMethod {

@@ -104,6 +104,11 @@ pub fn degree_settings(case: &Case, degree: usize) -> Vec<String> {
     set
 }
 
+/// The product of `shape`, as a float: it may exceed every integer.
+pub fn cells(shape: &[usize]) -> f64 {
+    shape.iter().map(|&n| n as f64).product()
+}
+
 /// Number of edges of `V` on no face of the case's grid, plus regions that hold no cell centre.
 pub fn stray_edges(case: &Case) -> usize {
     let found = unresolved_regions(case);

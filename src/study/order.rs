@@ -18,7 +18,7 @@ pub struct OrderRange {
 
 /// The order in the elements' width that a sequence of errors shows, each grid twice as fine as the
 /// one before.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Order {
     /// The order from each grid to the next.
     pub pairs: Vec<f64>,

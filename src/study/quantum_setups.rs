@@ -24,7 +24,7 @@ const UNITS_OF_SYSTEM: usize = 4;
 /// Progress of a search, and of `systems` systems beside it.
 fn progress(world: &World, case: &Case, systems: usize) -> Progress {
     let of_search = deltas(case, 0.0).len() * (UNITS_OF_SYSTEM + UNITS);
-    Progress::new(world.group().rank() == 0, "resources", of_search + systems * UNITS_OF_SYSTEM)
+    Progress::new(world.group().is_first(), "resources", of_search + systems * UNITS_OF_SYSTEM)
 }
 
 /// An assembled case and what is known of its solution.

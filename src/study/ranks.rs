@@ -13,7 +13,7 @@ use crate::base::text::{bytes_text, counted, joined, shortened, time_text};
 use crate::plan::Plan;
 use crate::plan::advice::MachineNode;
 use crate::problem::case::Case;
-use crate::study::calibrate::Calibration;
+use crate::study::calibrate::CalibratedRun;
 use serde::Serialize;
 use std::fmt;
 
@@ -27,18 +27,10 @@ const ON_BLOCKS: [&str; 4] = ["assemble", "weights", "probe", "verify"];
 /// Steps that all ranks share.
 const SHARED: [&str; 2] = ["exact", "observables"];
 
-/// A run whose seconds were measured. Seconds on other numbers of ranks follow by scaling.
-pub struct CalibratedRun<'a> {
-    /// The plan.
-    pub plan: &'a Plan,
-    /// Calibration of the run.
-    pub calibration: &'a Calibration,
-}
-
-impl CalibratedRun<'_> {
+impl CalibratedRun {
     /// The seconds of a run on another `plan` of the same `case`.
     fn seconds(&self, case: &Case, plan: &Plan) -> f64 {
-        let (from, to) = (RankLoad::new(case, self.plan), RankLoad::new(case, plan));
+        let (from, to) = (RankLoad::new(case, &self.plan), RankLoad::new(case, plan));
         let scaled = |(name, seconds): (&String, &f64)| match name.as_str() {
             "solve" => seconds * to.cost / from.cost,
             name if ON_BLOCKS.contains(&name) => seconds * to.rows / from.rows,
@@ -104,6 +96,33 @@ pub struct RankCost {
     pub recommended: bool,
 }
 
+impl RankCost {
+    /// The cost of a run on `ranks` ranks by `plan`, with its time alone: it is not compared with
+    /// other numbers of ranks yet.
+    fn new(
+        ranks: usize,
+        node: Option<MachineNode>,
+        plan: Plan,
+        time: f64,
+        seconds: Option<f64>,
+    ) -> Self {
+        Self {
+            ranks,
+            time,
+            core_hours: seconds.map(|seconds| ranks as f64 * seconds / 3600.0),
+            seconds,
+            efficiency: 1.0,
+            memory: plan.memory(),
+            nodes: node.map(|node| node.count(ranks)),
+            memory_per_node: node.map(|node| node.filled(ranks, plan.memory())),
+            worth_it: false,
+            recommended: false,
+            mode_groups: plan.layout.mesh.groups,
+            space_blocks: plan.layout.mesh.space,
+        }
+    }
+}
+
 /// A line of the table: a number of ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
@@ -146,7 +165,7 @@ impl RankTable {
         case: &Case,
         choices: Vec<RankChoice>,
         one: &Plan,
-        reference: Option<&CalibratedRun<'_>>,
+        reference: Option<&CalibratedRun>,
     ) -> Result<Self> {
         let time_of = |plan: &Plan| match reference {
             Some(reference) => reference.seconds(case, plan),
@@ -167,19 +186,13 @@ impl RankTable {
             };
             let time = time_of(&plan);
             let seconds = reference.map(|_| time);
+            let first = *first_time.get_or_insert(time);
+            let cost = RankCost::new(ranks, node, plan, time, seconds);
             lines.push(RankLine::Planned(RankCost {
-                ranks,
-                time: time / *first_time.get_or_insert(time),
-                core_hours: seconds.map(|seconds| ranks as f64 * seconds / 3600.0),
-                seconds,
+                time: time / first,
                 efficiency: worth.efficiency(ranks, time),
-                memory: plan.memory(),
-                nodes: node.map(|node| node.count(ranks)),
-                memory_per_node: node.map(|node| node.filled(ranks, plan.memory())),
                 worth_it: worth.includes(ranks, time),
-                recommended: false,
-                mode_groups: plan.layout.mesh.groups,
-                space_blocks: plan.layout.mesh.space,
+                ..cost
             }));
         }
         if let (None, Some(error)) = (first_time, last_error) {

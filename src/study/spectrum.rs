@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::log::report;
-use crate::base::text::{bytes_text, joined, rounded, seconds_text};
+use crate::base::text::{bytes_text, rounded, seconds_text, word};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::{announce_slow_steps, memory_per_rank, refuse_too_large_here};
@@ -13,7 +13,7 @@ use crate::problem::limits::MOST_CELLS;
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum::{self, SpectrumEnd, SpectrumExtremes};
-use crate::study::grids::refined;
+use crate::study::grids::{cells, refined, shape_text};
 use serde::Serialize;
 use std::fmt;
 use std::time::Instant;
@@ -99,11 +99,8 @@ impl MeasuredSpectra {
                 }
                 let bounds = Bounds { weighted, ..bounds.clone() };
                 for (system, case) in &systems {
-                    found.push(GridSpectrum {
-                        refinement,
-                        system: *system,
-                        ..measured_on(world, case, &bounds, plan, steps)?
-                    });
+                    let measured = SystemOnGrid { refinement, system: *system, case };
+                    found.push(measured.spectrum(world, &bounds, plan, steps)?);
                 }
             }
         }
@@ -114,7 +111,7 @@ impl MeasuredSpectra {
 /// Bounds and layout of a grid that fits into the memory of this machine. The memory is that of the
 /// classical method, which stores the same: the matrix and a few real vectors.
 fn plan(world: &World, case: &Case) -> Result<ProvisionalPlan> {
-    let cells: f64 = case.space.axes().map(|a| a.cells as f64).product();
+    let cells = cells(&case.space.shape());
     if cells > MOST_CELLS {
         return Err(Error::Memory {
             needed: format!("{:.1e} bytes", 120.0 * cells),
@@ -130,41 +127,51 @@ fn plan(world: &World, case: &Case) -> Result<ProvisionalPlan> {
     ProvisionalPlan::new(&classical, &Resources::here(world))
 }
 
-/// The spectrum of one system on one grid. The caller fills in `refinement` and `system`.
-fn measured_on(
-    world: &World,
-    case: &Case,
-    bounds: &Bounds,
-    plan: &Plan,
-    steps: usize,
-) -> Result<GridSpectrum> {
-    let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
-    announce_steps(world, &mut prepared, steps)?;
-    let space = &prepared.communicator.space;
-    let (lanczos, bound) = spectrum::of(&mut prepared.system, space, steps)?;
-    let system = &prepared.system;
-    let guaranteed = &prepared.bounds;
-    let weights = &system.weights;
-    let mut sqrt_pi = [f64::NEG_INFINITY; 2];
-    for pi in &weights.pi {
-        sqrt_pi = [sqrt_pi[0].max(pi.sqrt()), sqrt_pi[1].max(-pi.sqrt())];
+/// One system on one grid.
+struct SystemOnGrid<'a> {
+    refinement: usize,
+    system: MeasuredSystem,
+    case: &'a Case,
+}
+
+impl SystemOnGrid<'_> {
+    /// Its spectrum. Collective.
+    fn spectrum(
+        &self,
+        world: &World,
+        bounds: &Bounds,
+        plan: &Plan,
+        steps: usize,
+    ) -> Result<GridSpectrum> {
+        let Self { refinement, system: measured, case } = *self;
+        let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
+        announce_steps(world, &mut prepared, steps)?;
+        let space = &prepared.communicator.space;
+        let (lanczos, bound) = spectrum::of(&mut prepared.system, space, steps)?;
+        let system = &prepared.system;
+        let guaranteed = &prepared.bounds;
+        let weights = &system.weights;
+        let mut sqrt_pi = [f64::NEG_INFINITY; 2];
+        for pi in &weights.pi {
+            sqrt_pi = [sqrt_pi[0].max(pi.sqrt()), sqrt_pi[1].max(-pi.sqrt())];
+        }
+        space.max_into(&mut sqrt_pi);
+        Ok(GridSpectrum {
+            refinement,
+            system: measured,
+            shape: case.space.shape(),
+            unknowns: case.space.cells() + system.terms - case.space.space_cells(),
+            interface: case.interface,
+            weighted: bounds.weighted,
+            lanczos,
+            gershgorin: bound,
+            certificate: weights.certificate,
+            growth: guaranteed.growth,
+            decay: guaranteed.decay,
+            sqrt_pi: [sqrt_pi[0], -sqrt_pi[1]],
+            sweeps: weights.sweeps,
+        })
     }
-    space.max_into(&mut sqrt_pi);
-    Ok(GridSpectrum {
-        refinement: 1,
-        system: MeasuredSystem::Closed,
-        shape: case.space.shape(),
-        unknowns: case.space.cells() + system.terms - case.space.space_cells(),
-        interface: case.interface,
-        weighted: bounds.weighted,
-        lanczos,
-        gershgorin: bound,
-        certificate: weights.certificate,
-        growth: guaranteed.growth,
-        decay: guaranteed.decay,
-        sqrt_pi: [sqrt_pi[0], -sqrt_pi[1]],
-        sweeps: weights.sweeps,
-    })
 }
 
 /// Reports on the first rank how long the Lanczos steps take, if that is long. Collective.
@@ -177,7 +184,7 @@ fn announce_steps(world: &World, prepared: &mut Prepared, steps: usize) -> Resul
     let started = Instant::now();
     spectrum::of(&mut prepared.system, &prepared.communicator.space, 1)?;
     let seconds = steps as f64 * started.elapsed().as_secs_f64();
-    if world.group().rank() == 0 && seconds > LONG {
+    if world.group().is_first() && seconds > LONG {
         let seconds = seconds_text(seconds);
         report(&format!(
             "{} cells: {steps} Lanczos steps take up to {seconds}",
@@ -206,8 +213,8 @@ impl fmt::Display for MeasuredSpectra {
                 writeln!(
                     f,
                     "cells x {last}: {}, interface {}",
-                    joined(&found.shape, " x "),
-                    format!("{:?}", found.interface).to_lowercase()
+                    shape_text(&found.shape),
+                    word(&found.interface)
                 )?;
             }
             f.write_str(&found.line())?;

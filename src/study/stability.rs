@@ -36,26 +36,14 @@ use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::stability::panel::{
-    AxisScale, LeftOut, PanelContents, PanelName, PanelResult, PanelTask, Stability, StabilityPanel,
+    AxisScale, LeftOut, PanelName, PanelSpec, PanelTask, Stability, StabilityPanel,
 };
 use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
 
-/// A panel: the varied quantity along `x`, the measured one along `y`, and the measurement.
-struct PanelSpec {
-    name: PanelName,
-    title: &'static str,
-    /// Whether the panel rarely uses an equal share of the budget. It may then take two shares of
-    /// the time that is left.
-    cheap: bool,
-    x: AxisScale,
-    y: AxisScale,
-    measure: fn(&PanelTask<'_>) -> PanelResult,
-}
-
 /// All panels in the order in which they are measured, the cheap ones first.
 #[rustfmt::skip]
-const PANELS: [PanelSpec; 8] = [
+static PANELS: [PanelSpec; 8] = [
     PanelSpec { name: PanelName::Delta, title: "Delta of the inflow", cheap: true,
             x: AxisScale::log("delta"), y: AxisScale::log("factor"), measure: inflow::panel },
     PanelSpec { name: PanelName::Cfl, title: "Step of the explicit methods", cheap: true,
@@ -83,13 +71,6 @@ const PANELS: [PanelSpec; 8] = [
             measure: growth::panel },
 ];
 
-impl PanelSpec {
-    fn panel(&self, findings: PanelContents) -> StabilityPanel {
-        let Self { name, title, .. } = *self;
-        StabilityPanel { name, title, x: self.x.clone(), y: self.y.clone(), findings }
-    }
-}
-
 /// Measures the panels `only` of `case`, or all if `only` is empty, within about `limit`.
 /// Collective.
 ///
@@ -105,11 +86,11 @@ pub fn measure(
     refuse_start_from_file(case, "stability takes a case whose field at the start is a formula")?;
     let mut budget = Budget::new(world, limit.as_secs_f64());
     refuse_slow_grid(world, case, limit.as_secs_f64())?;
-    let wanted: Vec<&PanelSpec> =
+    let wanted: Vec<&'static PanelSpec> =
         (PANELS.iter()).filter(|spec| only.is_empty() || only.contains(&spec.name)).collect();
     let by_modes = cases::by_modes(case);
     let (mut panels, mut left_out) = (Vec::new(), Vec::new());
-    for (done, spec) in wanted.iter().enumerate() {
+    for (done, &spec) in wanted.iter().enumerate() {
         let left = wanted.len() - done;
         budget.share(if spec.cheap && left > 1 { 2 } else { 1 }, left);
         let found = match budget.is_over() {
@@ -117,11 +98,11 @@ pub fn measure(
             false => (spec.measure)(&PanelTask { world, case: &by_modes, budget: &budget }),
         };
         match found {
-            Ok(found) => panels.push(spec.panel(found)),
+            Ok(findings) => panels.push(StabilityPanel { spec, findings }),
             Err(reason) => left_out.push(LeftOut { name: spec.name, reason: reason.to_string() }),
         }
     }
-    panels.sort_by_key(|panel| panel.name);
+    panels.sort_by_key(|panel| panel.spec.name);
     left_out.sort_by_key(|left_out| left_out.name);
     Ok(Stability {
         title: case.title.clone(),

@@ -75,7 +75,8 @@ impl SweepRun {
 pub struct Sweep {
     /// The runs.
     pub runs: Vec<SweepRun>,
-    request: SweepRequest,
+    /// The request of the user.
+    pub request: SweepRequest,
     keys: Vec<String>,
 }
 
@@ -242,9 +243,12 @@ impl Sweep {
     /// A summary that cannot be read.
     pub fn collect(&self, world: &World) -> Result<SweepTable> {
         let mut table = SweepTable::new(&self.keys);
+        let damaged = |damage: &Error| format!("{damage}: damaged, and so not finished");
+        let is_done =
+            |run: &SweepRun, case: &Case| run::is_done(world, &run.directory, case, damaged);
         for run in &self.runs {
             table.rows.push(match self.case(run) {
-                Ok(case) if run::is_done(world, &run.directory, &case) => self.row(world, run)?,
+                Ok(case) if is_done(run, &case) => self.row(world, run)?,
                 Ok(_) => SweepRow { ended: false, ..run.row(Value::Null, None) },
                 Err(error) => run.row(Value::Null, Some(error.to_string())),
             });
@@ -256,7 +260,9 @@ impl Sweep {
     /// finished it. Collective.
     fn attempt(&self, world: &World, run: &SweepRun, options: &Options) -> Result<Option<f64>> {
         let case = self.case(run)?;
-        if run::is_done_and_tidy(world, &run.directory, &case) {
+        let damaged =
+            |damage: &Error| format!("{damage}: the finished run is damaged and is computed anew");
+        if run::is_done_removing_rest(world, &run.directory, &case, damaged) {
             return Ok(None);
         }
         if world.group().is_first() {

@@ -220,6 +220,18 @@ fn an_array_solves_run_by_run() {
         "{:?}",
         found.names
     );
+    // The table counts a damaged result as not finished, and solves nothing.
+    let result = runs[0].join("result.h5");
+    let whole = std::fs::read(&result).expect("a result");
+    std::fs::write(&result, &whole[..whole.len() / 2]).expect("half of it");
+    let damaged = job.clone().with(["--table"]).run().unwrap();
+    damaged.ended(3, &["1 of 2 runs are not finished"]).unwrap();
+    damaged.contains(&damaged.errors, &["result.h5", "damaged, and so not finished"]).unwrap();
+    for words in ["--resume", "computed anew"] {
+        assert!(!damaged.errors.contains(words), "{}", damaged.errors);
+    }
+    assert_eq!(Table::read(place.path()).unwrap().get(0, "error"), "not finished");
+    std::fs::write(&result, &whole).expect("all of it");
     // A damaged result is computed again.
     std::fs::remove_file(runs[0].join("summary.json")).expect("a summary");
     let again = job.on(2).succeed().unwrap();

@@ -286,7 +286,7 @@ pub fn sheets_are_followed_together(world: &World) {
         for shared in 0..n {
             let mut share = whole.clone();
             share[shared] = split(&whole[shared], group.size(), group.rank());
-            let moments = exact_moments(&group, &case, &share).expect("finite").expect("moments");
+            let moments = exact_moments(&group, &case, &share).expect("finite");
             let mut cells = Vec::new();
             for_each_cell(&share, |i| {
                 cells.push(case.space.x.iter().zip(i).fold(0, |k, (axis, i)| k * axis.cells + i));

@@ -164,11 +164,7 @@ pub fn for_each_zero(
         space.axes().enumerate().map(|(a, axis)| ElementAxis::new(axis.nodes, a >= n, n)).collect();
     let matrices: Vec<Vec<Vec<f64>>> = lines.iter().map(|l| l.to_bernstein.clone()).collect();
     for_each_element(space, share, |element| {
-        let coefficients = |field: &[f64]| {
-            let mut nodal = vec![0.0; element.shape().iter().product()];
-            element.for_each_cell(share, |cell, node| nodal[node] = field[cell]);
-            apply_along_all(&nodal, &matrices)
-        };
+        let coefficients = |field: &[f64]| apply_along_all(&element.nodal(share, field), &matrices);
         let mut level_sets = Vec::with_capacity(n);
         for psi in psi {
             let psi = coefficients(psi);

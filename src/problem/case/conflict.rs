@@ -2,7 +2,6 @@
 //! leaves them out.
 
 use crate::problem::case::Case;
-use crate::problem::case::data::Data;
 use crate::problem::case::solver::{Limiter, Method};
 use crate::problem::case::warp::Embedding;
 
@@ -33,7 +32,7 @@ impl Case {
 
     /// The conflict of the scheme's ends or its limiter with the inflow or the elements.
     fn conflict_of_scheme(&self) -> Option<Conflict> {
-        if self.is_closed() && matches!(self.data, Data::Measure { .. }) {
+        if self.is_closed() && self.is_measure_valued() {
             return Some(Conflict::new(
                 "scheme.ends",
                 "level sets of measure-valued data enter through the ends",
@@ -70,7 +69,7 @@ impl Case {
     /// The conflict of measure-valued data with partial reflection, or with a velocity axis of
     /// degree 0 beside elements.
     fn conflict_of_level_sets(&self) -> Option<Conflict> {
-        if !self.is_galerkin() || !matches!(self.data, Data::Measure { .. }) {
+        if !self.is_galerkin() || !self.is_measure_valued() {
             return None;
         }
         if let Some(i) = self.first_reflection() {

@@ -66,6 +66,13 @@ pub enum Data {
     },
 }
 
+impl Data {
+    /// Whether the data are a measure.
+    pub fn is_measure(&self) -> bool {
+        matches!(self, Self::Measure { .. })
+    }
+}
+
 /// A function on phase space that obeys the Liouville equation.
 #[derive(Clone, Debug)]
 pub struct LiouvilleField {
@@ -620,7 +627,7 @@ impl InitialTable {
         if self.warped.is_some() {
             return file.refuse(key, "give either initial.warped, or initial.field and initial.f");
         }
-        if !matches!(data, Data::Density) {
+        if data.is_measure() {
             return file.refuse(
                 key,
                 "measure-valued data are several fields, and a run continues from /f only; run \
@@ -653,7 +660,7 @@ impl ExactTable {
     /// [`Error::Case`](crate::base::error::Error::Case) for settings that exclude each other or the
     /// data, and for a formula that is not valid.
     pub fn check(&self, file: &CaseFile<'_>, n: usize, data: &Data) -> Result<Option<Exact>> {
-        if self.f.is_some() && !matches!(data, Data::Density) {
+        if self.f.is_some() && data.is_measure() {
             return file.refuse(
                 "exact.f",
                 "measure-valued data have no f; exact.kind = \"characteristics\" gives density \

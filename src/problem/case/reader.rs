@@ -115,6 +115,11 @@ pub struct KeyValue<'t> {
     constants: &'t Constants,
 }
 
+/// The key that a `--set` option changes.
+pub fn key_of(set: &str) -> &str {
+    set.split('=').next().unwrap_or_default().trim()
+}
+
 /// The value of a formula of constants that is given instead of a number.
 ///
 /// # Errors

@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::List;
-use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES};
 use crate::problem::limits::{LARGEST_NUMBER, MOST_EVALUATIONS, MOST_SHOTS};
 use serde::Deserialize;
 
@@ -142,7 +142,7 @@ impl ReadoutTable {
                             true => format!("whole numbers from 0 to {}", axis.cells - 1),
                             false => format!("numbers from {} to {}", axis.lower, axis.upper),
                         };
-                        let name = ["x", "y", "z"][a];
+                        let name = SPACE_NAMES[a];
                         file.refuse(key, format!("{x} along {name}; {allowed} expected"))
                     },
                     Ok,

@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::case::conflict::Conflict;
-use crate::problem::case::data::{Data, Exact};
+use crate::problem::case::data::Exact;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::solver::{Integrator, Limiter, Method};
 use crate::problem::case::warp::{Coefficients, Delta, Embedding, ProfileChoice, Shift};
@@ -80,7 +80,7 @@ impl Case {
             );
         }
         let key = "output.delta_width";
-        if matches!(self.data, Data::Measure { .. }) && file.has(key) {
+        if self.is_measure_valued() && file.has(key) {
             return file.refuse(
                 key,
                 "is the width of the discrete delta function of degree 0; elements have none, \

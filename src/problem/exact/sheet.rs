@@ -228,15 +228,16 @@ fn grid(case: &Case, sheet: InitialSheet) -> (Vec<usize>, Vec<f64>) {
 }
 
 impl<'a> Sheets<'a> {
-    /// The sheets of `case` up to its end time; `None` for data that are not measure-valued.
+    /// The sheets of `case` up to its end time.
     ///
     /// # Errors
-    /// [`Error::Formula`] where `V` is not finite.
-    pub fn new(case: &'a Case) -> Result<Option<Self>> {
+    /// [`Error::Formula`] where `V` is not finite; [`Error::Input`] for data that are not
+    /// measure-valued.
+    pub fn new(case: &'a Case) -> Result<Self> {
         let Data::Measure { velocity, .. } = &case.data else {
-            return Ok(None);
+            return Err(Error::input("only measure-valued data lie on a sheet"));
         };
-        Ok(Some(Self {
+        Ok(Self {
             case,
             tracer: Tracer::new(case)?.forward(),
             velocity,
@@ -246,7 +247,7 @@ impl<'a> Sheets<'a> {
             found: FollowedBoxes::default(),
             failure: None,
             number: 0,
-        }))
+        })
     }
 
     /// The sheets, in one dimension in the order of `x`.

@@ -9,7 +9,6 @@
 //! finite: the error is that of the first box.
 
 use crate::base::error::Result;
-use crate::base::row_major::number;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::sheet::sums::{Deposit, ExactMoments, Line, SheetSums};
@@ -20,18 +19,14 @@ use std::ops::Range;
 /// Number of words of a line in a message.
 const LINE: usize = 7;
 
-/// The exact moments of `case` at its end time on the space cells of `share`, one range an x-axis;
-/// `None` for data that are not measure-valued. The shares of all ranks are a partition of the
-/// space cells. Collective.
+/// The exact moments of `case`, whose data are measure-valued, at its end time on the space cells of
+/// `share`, one range an x-axis. The shares of all ranks are a partition of the space cells.
+/// Collective.
 ///
 /// # Errors
-/// If `V`, `density` or `velocity` is not finite.
-pub fn exact_moments(
-    group: &Group,
-    case: &Case,
-    share: &[Range<usize>],
-) -> Result<Option<ExactMoments>> {
-    let Some(mut sheets) = group.agree(Sheets::new(case))? else { return Ok(None) };
+/// As [`Sheets::new`]; if `density` or `velocity` is not finite.
+pub fn exact_moments(group: &Group, case: &Case, share: &[Range<usize>]) -> Result<ExactMoments> {
+    let mut sheets = group.agree(Sheets::new(case))?;
     let owners = CellOwners::new(group, &case.space, share);
     let mut sums = SheetSums::new(&case.space, share);
     let mut budget = sheets.budget();
@@ -46,33 +41,32 @@ pub fn exact_moments(
         }
     }
     let largest = group.max(sums.largest());
-    Ok(Some(sums.finish(largest)))
+    Ok(sums.finish(largest))
 }
 
 /// The rank of each space cell.
 struct CellOwners {
     rank: usize,
     /// The rank of each cell, row-major.
-    of: Vec<u32>,
+    rank_of_cell: Vec<u32>,
 }
 
 impl CellOwners {
     fn new(group: &Group, space: &PhaseSpace, share: &[Range<usize>]) -> Self {
         let ends: Vec<u64> = share.iter().flat_map(|r| [r.start as u64, r.end as u64]).collect();
         let all = group.exchanged(&vec![ends; group.size()]);
-        let mut of = vec![0; space.space_cells()];
+        let mut rank_of_cell = vec![0; space.space_cells()];
         for (rank, ends) in all.iter().enumerate() {
             let share: Vec<_> = ends.chunks(2).map(|e| e[0] as usize..e[1] as usize).collect();
             for_each_cell(&share, |i| {
-                let cell = number(space.x.iter().map(|axis| axis.cells), i.iter().copied());
-                of[cell] = rank as u32;
+                rank_of_cell[space.space_index(i)] = rank as u32;
             });
         }
-        Self { rank: group.rank(), of }
+        Self { rank: group.rank(), rank_of_cell }
     }
 
     fn mine(&self, deposit: &Deposit) -> bool {
-        self.of[deposit.cell] as usize == self.rank
+        self.rank_of_cell[deposit.cell] as usize == self.rank
     }
 }
 
@@ -115,7 +109,7 @@ impl BoxRound<'_> {
         let n = self.case.space.dimension();
         let mut messages = vec![Vec::new(); group.size()];
         for deposit in &found.deposits {
-            let message = &mut messages[owners.of[deposit.cell] as usize];
+            let message = &mut messages[owners.rank_of_cell[deposit.cell] as usize];
             message.extend([deposit.number as u64, deposit.cell as u64, deposit.mass.to_bits()]);
             message.extend(deposit.momentum[..n].iter().map(|p| p.to_bits()));
         }

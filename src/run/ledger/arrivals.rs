@@ -17,7 +17,7 @@
 
 use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, Data};
+use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, coordinate, for_each_cell};
 use crate::results::accuracy::ParticleErrors;
 use crate::results::ledger::STANDARD_ERRORS;
@@ -62,7 +62,7 @@ impl ArrivedParticle {
 /// Particles that were in the box at the end, by replicate. Each rank has its own replicates.
 #[derive(Default)]
 pub struct Arrivals {
-    of: [Vec<ArrivedParticle>; REPLICATES],
+    by_replicate: [Vec<ArrivedParticle>; REPLICATES],
 }
 
 /// The arrivals of all replicates, the same on all ranks.
@@ -85,15 +85,16 @@ pub struct ComparedResult<'a> {
 impl Arrivals {
     /// Adds a `particle` of a `replicate` that arrived at `point` with a `mass`.
     pub fn add(&mut self, replicate: usize, particle: &Particle, point: [f64; 6], mass: f64) {
-        self.of[replicate].push(ArrivedParticle { point, mass, value: particle.value });
+        self.by_replicate[replicate].push(ArrivedParticle { point, mass, value: particle.value });
     }
 
     /// The arrivals of all ranks; `None` if they are of too few replicates. Collective.
     pub fn gathered(&self, world: &Group) -> Option<GatheredArrivals> {
-        let longest = world.max_count(self.of.iter().map(Vec::len).max().unwrap_or(0)).max(1);
+        let longest =
+            world.max_count(self.by_replicate.iter().map(Vec::len).max().unwrap_or(0)).max(1);
         // No arrival has no mass: what follows the last one of a replicate is zero.
         let mut all = vec![0.0; REPLICATES * longest * NUMBERS];
-        for (arrivals, numbers) in self.of.iter().zip(all.chunks_mut(longest * NUMBERS)) {
+        for (arrivals, numbers) in self.by_replicate.iter().zip(all.chunks_mut(longest * NUMBERS)) {
             for (arrival, numbers) in arrivals.iter().zip(numbers.chunks_mut(NUMBERS)) {
                 numbers.copy_from_slice(&arrival.numbers());
             }
@@ -114,9 +115,9 @@ impl Arrivals {
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
     pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
-        let is_density = matches!(result.case.data, Data::Density);
+        let is_density = !result.case.is_measure_valued();
         let [field, field_mean] = match is_density {
-            true => field_error(world, result, &self.by_replicate),
+            true => self.field_error(world, result),
             false => [None; 2],
         };
         ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
@@ -125,20 +126,106 @@ impl GatheredArrivals {
     /// The difference between a `mass` and that of all arrivals, beyond the scatter of the latter
     /// and relative to their size.
     pub fn mass_error(&self, mass: f64) -> Option<f64> {
-        let difference = mass_difference(mass, &self.by_replicate);
+        let difference = self.mass_difference(mass);
         let masses = self.by_replicate.iter().flatten().map(|arrival| arrival.mass.abs());
         let size = masses.sum::<f64>() / self.by_replicate.len() as f64;
         Some(difference / size).filter(|error| error.is_finite())
     }
 
-    /// The relative L1 error of a `density` on the share of `result`. Collective.
+    /// `‖f_h − f‖ / ‖f‖` in L2, where `f ≠ 0`: less the scatter, and the mean if its scatter is
+    /// small. Along axes of degree 0 beside others `f_h` varies between centres by another rule
+    /// than where errors are measured, so that there is no mean. Collective.
+    fn field_error(&self, world: &Group, result: &ComparedResult<'_>) -> [Option<f64>; 2] {
+        let all = &self.by_replicate;
+        let space = &result.case.space;
+        let points: usize = space.axes().map(|axis| axis.nodes.count().max(2)).product();
+        let most = (MOST_PRODUCTS / (REPLICATES * points)).max(LEAST_PARTICLES);
+        let step = all.iter().map(Vec::len).max().unwrap_or(0).div_ceil(most);
+        // Each replicate begins with another one, as arrivals are in the order of a curve.
+        let some = |(replicate, of): (usize, &Vec<ArrivedParticle>)| {
+            of.iter().skip(replicate * step / all.len()).step_by(step).copied().collect()
+        };
+        let chosen: Vec<Vec<ArrivedParticle>> = all.iter().enumerate().map(some).collect();
+        let mut values = values_at(world, result, &chosen.concat()).into_iter();
+        let sums = chosen.iter().map(|of| {
+            let terms = of.iter().zip(values.by_ref()).map(
+                |(ArrivedParticle { mass, value: exact, .. }, value)| {
+                    [mass / exact * (value - exact) * (value - exact), mass * exact]
+                },
+            );
+            terms.fold([0.0; 2], |sums, terms| [sums[0] + terms[0], sums[1] + terms[1]])
+        });
+        let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|[error, size]| (error, size)).unzip();
+        let ([error, scatter], [size, _]) = (mean(&errors), mean(&sizes));
+        let shown = (error - STANDARD_ERRORS * scatter).max(0.0);
+        let relative =
+            |square: f64| Some((square / size).sqrt().min(1.0)).filter(|error| error.is_finite());
+        let degrees = space.axes().filter(|axis| axis.cells > 1).map(|axis| axis.nodes.degree);
+        let (of_cells, of_elements): (Vec<_>, Vec<_>) = degrees.partition(|degree| *degree == 0);
+        let is_mixed = !of_cells.is_empty() && !of_elements.is_empty();
+        let is_sharp = scatter <= MOST_SCATTER * error && !is_mixed;
+        [relative(shown), relative(error).filter(|_| is_sharp)]
+    }
+
+    /// The difference between a mass and that of all arrivals, beyond the scatter of the latter.
+    fn mass_difference(&self, mass: f64) -> f64 {
+        let masses: Vec<f64> = self
+            .by_replicate
+            .iter()
+            .map(|of| of.iter().map(|arrival| arrival.mass).sum())
+            .collect();
+        let [expected, scatter] = mean(&masses);
+        ((mass - expected).abs() - STANDARD_ERRORS * scatter).max(0.0)
+    }
+
+    /// The relative L1 error of a `density` on the share of `result`, by the masses in parts of
+    /// space and in all of it. Collective.
     pub fn error_of(
         &self,
         world: &Group,
         result: &ComparedResult<'_>,
         density: &[f64],
     ) -> Option<f64> {
-        density_error(world, result, density, &self.by_replicate)
+        let all = &self.by_replicate;
+        let (space, share) = (&result.case.space, result.share);
+        let most = PARTS[space.dimension() - 1];
+        let part_of =
+            |axis: &Axis, element: usize| element * most.min(axis.elements()) / axis.elements();
+        let number = |parts: &mut dyn Iterator<Item = usize>| parts.fold(0, |at, k| at * most + k);
+        let count = most.pow(space.dimension() as u32);
+        let mut masses_of = vec![vec![0.0; all.len()]; count];
+        let (mut absolute, mut arrived) = (0.0, 0);
+        for (replicate, arrivals) in all.iter().enumerate() {
+            for ArrivedParticle { point, mass, .. } in arrivals {
+                let axes = space.x.iter().zip(point);
+                let at = number(&mut axes.map(|(axis, x)| part_of(axis, element_at(axis, *x))));
+                masses_of[at][replicate] += mass;
+                absolute += mass.abs();
+                arrived += 1;
+            }
+        }
+        // A part that no particle reached may have the mass of some.
+        let of_particle = absolute / (arrived.max(1) * all.len()) as f64;
+        let volumes = CellVolumes::new(space, share);
+        let mut places = Vec::with_capacity(density.len());
+        for_each_cell(share, |cell| {
+            let axes = space.x.iter().zip(cell);
+            places.push(number(
+                &mut axes.map(|(axis, j)| part_of(axis, axis.split(*j as i64).0 as usize)),
+            ));
+        });
+        let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
+        let found = volumes.integrals_by_part(world, density, &places, count);
+        for (masses, found) in masses_of.iter().zip(found) {
+            let [expected, scatter] = mean(masses);
+            let uncertain = STANDARD_ERRORS * scatter.max(of_particle);
+            shown += ((found - expected).abs() - uncertain).max(0.0);
+            size += expected.abs();
+            total += found;
+        }
+        // The whole mass is known better than its parts if little of it leaves.
+        shown = shown.max(self.mass_difference(total));
+        Some(shown / size).filter(|error| error.is_finite())
     }
 }
 
@@ -148,44 +235,6 @@ fn mean(values: &[f64]) -> [f64; 2] {
     let mean = values.iter().sum::<f64>() / count;
     let squares: f64 = values.iter().map(|x| (x - mean) * (x - mean)).sum();
     [mean, (squares / (count * (count - 1.0))).sqrt()]
-}
-
-/// `‖f_h − f‖ / ‖f‖` in L2, where `f ≠ 0`: less the scatter, and the mean if its scatter is small.
-/// Along axes of degree 0 beside others `f_h` varies between centres by another rule than where
-/// errors are measured, so that there is no mean. Collective.
-fn field_error(
-    world: &Group,
-    result: &ComparedResult<'_>,
-    all: &[Vec<ArrivedParticle>],
-) -> [Option<f64>; 2] {
-    let space = &result.case.space;
-    let points: usize = space.axes().map(|axis| axis.nodes.count().max(2)).product();
-    let most = (MOST_PRODUCTS / (REPLICATES * points)).max(LEAST_PARTICLES);
-    let step = all.iter().map(Vec::len).max().unwrap_or(0).div_ceil(most);
-    // Each replicate begins with another one, as arrivals are in the order of a curve.
-    let some = |(replicate, of): (usize, &Vec<ArrivedParticle>)| {
-        of.iter().skip(replicate * step / all.len()).step_by(step).copied().collect()
-    };
-    let chosen: Vec<Vec<ArrivedParticle>> = all.iter().enumerate().map(some).collect();
-    let mut values = values_at(world, result, &chosen.concat()).into_iter();
-    let sums = chosen.iter().map(|of| {
-        let terms = of.iter().zip(values.by_ref()).map(
-            |(ArrivedParticle { mass, value: exact, .. }, value)| {
-                [mass / exact * (value - exact) * (value - exact), mass * exact]
-            },
-        );
-        terms.fold([0.0; 2], |sums, terms| [sums[0] + terms[0], sums[1] + terms[1]])
-    });
-    let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|[error, size]| (error, size)).unzip();
-    let ([error, scatter], [size, _]) = (mean(&errors), mean(&sizes));
-    let shown = (error - STANDARD_ERRORS * scatter).max(0.0);
-    let relative =
-        |square: f64| Some((square / size).sqrt().min(1.0)).filter(|error| error.is_finite());
-    let degrees = space.axes().filter(|axis| axis.cells > 1).map(|axis| axis.nodes.degree);
-    let (of_cells, of_elements): (Vec<_>, Vec<_>) = degrees.partition(|degree| *degree == 0);
-    let is_mixed = !of_cells.is_empty() && !of_elements.is_empty();
-    let is_sharp = scatter <= MOST_SCATTER * error && !is_mixed;
-    [relative(shown), relative(error).filter(|_| is_sharp)]
 }
 
 /// `f_h` at the points of `arrivals`, the same on all ranks. Collective.
@@ -265,63 +314,6 @@ fn products(
             .collect();
     }
     found
-}
-
-/// The difference between a mass and that of all arrivals, beyond the scatter of the latter.
-fn mass_difference(mass: f64, all: &[Vec<ArrivedParticle>]) -> f64 {
-    let masses: Vec<f64> =
-        all.iter().map(|of| of.iter().map(|arrival| arrival.mass).sum()).collect();
-    let [expected, scatter] = mean(&masses);
-    ((mass - expected).abs() - STANDARD_ERRORS * scatter).max(0.0)
-}
-
-/// The relative L1 error of `density`, by the masses in parts of space and in all of it.
-/// Collective.
-fn density_error(
-    world: &Group,
-    result: &ComparedResult<'_>,
-    density: &[f64],
-    all: &[Vec<ArrivedParticle>],
-) -> Option<f64> {
-    let (space, share) = (&result.case.space, result.share);
-    let most = PARTS[space.dimension() - 1];
-    let part_of =
-        |axis: &Axis, element: usize| element * most.min(axis.elements()) / axis.elements();
-    let number = |parts: &mut dyn Iterator<Item = usize>| parts.fold(0, |at, k| at * most + k);
-    let count = most.pow(space.dimension() as u32);
-    let mut by_replicate = vec![vec![0.0; all.len()]; count];
-    let (mut absolute, mut arrived) = (0.0, 0);
-    for (replicate, arrivals) in all.iter().enumerate() {
-        for ArrivedParticle { point, mass, .. } in arrivals {
-            let axes = space.x.iter().zip(point);
-            let at = number(&mut axes.map(|(axis, x)| part_of(axis, element_at(axis, *x))));
-            by_replicate[at][replicate] += mass;
-            absolute += mass.abs();
-            arrived += 1;
-        }
-    }
-    // A part that no particle reached may have the mass of some.
-    let of_particle = absolute / (arrived.max(1) * all.len()) as f64;
-    let volumes = CellVolumes::new(space, share);
-    let mut places = Vec::with_capacity(density.len());
-    for_each_cell(share, |cell| {
-        let axes = space.x.iter().zip(cell);
-        places.push(number(
-            &mut axes.map(|(axis, j)| part_of(axis, axis.split(*j as i64).0 as usize)),
-        ));
-    });
-    let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
-    let found = volumes.integrals_by_part(world, density, &places, count);
-    for (masses, found) in by_replicate.iter().zip(found) {
-        let [expected, scatter] = mean(masses);
-        let uncertain = STANDARD_ERRORS * scatter.max(of_particle);
-        shown += ((found - expected).abs() - uncertain).max(0.0);
-        size += expected.abs();
-        total += found;
-    }
-    // The whole mass is known better than its parts if little of it leaves.
-    shown = shown.max(mass_difference(total, all));
-    Some(shown / size).filter(|error| error.is_finite())
 }
 
 #[cfg(test)]

@@ -4,16 +4,18 @@
 //! `α_i = φ^{−i}`, `φ^{d+1} = φ + 1` (M. Roberts, "The unreasonable effectiveness of quasirandom
 //! sequences", 2018: the additive recurrence of low discrepancy in `d` dimensions) and a random
 //! shift `s_r`. Replicates are independent and unbiased: their scatter is the standard error.
+//! Replicates of different sources are independent, too.
 //!
 //! Of the points of a replicate some are followed, chosen by systematic resampling in the order of
 //! a Morton curve: nearly as many from each part of phase space as its mass demands. (M. Gerber,
 //! N. Chopin, N. Whiteley, "Negative association, ordering and convergence of resampling methods",
 //! Ann. Statist. 47, 2019.) In the order of the sequence, every `j`-th point may lie on few lines.
 
+use crate::base::random::uniform;
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{AxisEnd, MAX_DIMENSION, PhaseSpace, coordinate};
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_chacha::rand_core::SeedableRng;
 
 /// Independent replicates of each source.
 pub const REPLICATES: usize = 16;
@@ -32,6 +34,18 @@ pub enum ParticleSource {
     Initial,
     /// The inflow through an end of the box.
     Entering(AxisEnd),
+}
+
+impl ParticleSource {
+    /// The seed of replicate `number`. No other replicate of any source has it, so that the errors
+    /// of sources are independent.
+    pub fn seed(self, number: usize) -> u64 {
+        let source = match self {
+            Self::Initial => 0,
+            Self::Entering(end) => 1 + end.number(),
+        };
+        (source * REPLICATES + number) as u64
+    }
 }
 
 /// A particle.
@@ -87,19 +101,17 @@ pub struct SampleSequence {
 }
 
 impl SampleSequence {
-    /// The sequence of replicate `number` of a source in `dimensions` dimensions.
-    pub fn new(dimensions: usize, number: usize) -> Self {
-        let mut random = ChaCha8Rng::seed_from_u64(number as u64);
-        // 53 bits, in [0, 1).
-        let mut uniform = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
+    /// The sequence of the replicate with this `seed` in `dimensions` dimensions.
+    pub fn new(dimensions: usize, seed: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut root: f64 = 2.0;
         for _ in 0..64 {
             root = (1.0 + root).powf(1.0 / (dimensions + 1) as f64);
         }
         Self {
-            shift: (0..dimensions).map(|_| uniform()).collect(),
+            shift: (0..dimensions).map(|_| uniform(&mut random)).collect(),
             step: (1..=dimensions).map(|i| root.powi(-(i as i32))).collect(),
-            offset: uniform(),
+            offset: uniform(&mut random),
         }
     }
 
@@ -124,15 +136,10 @@ pub struct ParticleSampler<'a> {
 }
 
 impl ParticleSampler<'_> {
-    /// Whether the data are measure-valued.
-    pub fn is_measure(&self) -> bool {
-        matches!(self.case.data, Data::Measure { .. })
-    }
-
     /// Number of coordinates of a point of any source.
     pub fn dimensions(&self) -> usize {
         let n = self.case.space.dimension();
-        if self.is_measure() { n } else { 2 * n }
+        if self.case.is_measure_valued() { n } else { 2 * n }
     }
 
     /// The particles at the points `numbers` of the sequence, without those of zero mass.
@@ -183,7 +190,7 @@ impl ParticleSampler<'_> {
         };
         let (points, inside): (Vec<[f64; 6]>, Vec<bool>) = units.map(with_velocity).unzip();
         let n = self.case.space.dimension();
-        let volume = self.within.volume(|a| a < n || !self.is_measure());
+        let volume = self.within.volume(|a| a < n || !self.case.is_measure_valued());
         let time = self.case.end;
         let values = self.case.fields[0].initial.at_points(&points, 0.0);
         let particle = |((value, point), inside): ((f64, _), _)| {
@@ -209,7 +216,7 @@ impl ParticleSampler<'_> {
         if inwards <= 0.0 || !inside {
             return None;
         }
-        let area = whole.volume(|a| a != end.axis && (a < n || !self.is_measure()));
+        let area = whole.volume(|a| a != end.axis && (a < n || !self.case.is_measure_valued()));
         let mut outside = point;
         outside[coordinate(n, end.axis)] = space.axis(end.axis).just_outside(end.upper);
         let value = self.case.fields[0].entering().at_point(&outside, now);
@@ -299,6 +306,31 @@ mod tests {
         }
     }
 
+    /// The initial data have the seeds 0 to 15, and no two replicates have one seed or one shift.
+    #[test]
+    fn replicates_of_all_sources_are_independent() {
+        let ends = (0..MOST_DIMENSIONS)
+            .flat_map(|axis| [false, true].map(|upper| AxisEnd { axis, upper }));
+        let sources: Vec<ParticleSource> = [ParticleSource::Initial]
+            .into_iter()
+            .chain(ends.map(ParticleSource::Entering))
+            .collect();
+        let seeds: Vec<u64> =
+            sources.iter().flat_map(|of| (0..REPLICATES).map(|r| of.seed(r))).collect();
+        assert!(seeds[..REPLICATES].iter().copied().eq(0..REPLICATES as u64));
+        let shifts: std::collections::HashSet<u64> =
+            seeds.iter().map(|seed| SampleSequence::new(2, *seed).shift[0].to_bits()).collect();
+        assert_eq!(shifts.len(), sources.len() * REPLICATES);
+        // The shifts of two sources are not correlated: their mean product is that of the means.
+        let shift =
+            |of: usize, r: usize| SampleSequence::new(2, sources[of].seed(r)).shift[0] - 0.5;
+        let products = (1..sources.len()).flat_map(|of| (0..REPLICATES).map(move |r| (of, r)));
+        let sum: f64 = products.map(|(of, r)| shift(0, r) * shift(of, r)).sum();
+        let count = ((sources.len() - 1) * REPLICATES) as f64;
+        // With equal shifts the mean product would be 1/12.
+        assert!((sum / count).abs() < 0.03, "{}", sum / count);
+    }
+
     #[test]
     fn resampling_keeps_masses_and_signs() {
         let particle =
@@ -355,7 +387,7 @@ mod tests {
         let off = |axis: usize, choose: &dyn Fn(Vec<Particle>, f64) -> Vec<Particle>| -> f64 {
             let mut sums = [[0.0; PARTS]; 2];
             for replicate in 0..REPLICATES {
-                let sequence = SampleSequence::new(2, replicate);
+                let sequence = SampleSequence::new(2, replicate as u64);
                 let particle = |k: usize| {
                     let [x, v, ..] = sequence.point(k);
                     let wave = 1.0 + 0.5 * (std::f64::consts::TAU * x).cos();

@@ -20,29 +20,26 @@ pub struct ParticleTally {
     pub outside: f64,
     /// Mass that the `hat` interface adds.
     pub interface: f64,
+    /// Mass that leaves through any end, at jumps or not.
+    pub left: f64,
     /// `½ v_a² |mass|`, by axis.
     pub energy: [f64; MAX_DIMENSION],
-    /// Outflow, by [`end_index`].
+    /// Outflow, by [`AxisEnd::number`].
     pub outflow: [f64; ENDS],
-    /// Mass to which a jump of `V` gives a velocity outside of the box, by [`end_index`].
+    /// Mass to which a jump of `V` gives a velocity outside of the box, by [`AxisEnd::number`].
     pub at_jumps: [f64; ENDS],
 }
 
 /// The largest number of ends of the `2n` axes.
 const ENDS: usize = 4 * MAX_DIMENSION;
 /// Number of numbers that make up a tally.
-pub const NUMBERS: usize = 4 + MAX_DIMENSION + 2 * ENDS;
-
-/// Index of an end of an axis.
-pub fn end_index(end: AxisEnd) -> usize {
-    2 * end.axis + usize::from(end.upper)
-}
+pub const NUMBERS: usize = 5 + MAX_DIMENSION + 2 * ENDS;
 
 impl ParticleTally {
     /// The numbers of the tally, in the order of its fields.
     pub fn numbers(&self) -> [f64; NUMBERS] {
         let mut all = [0.0; NUMBERS];
-        let single = [self.mass, self.absolute, self.outside, self.interface];
+        let single = [self.mass, self.absolute, self.outside, self.interface, self.left];
         let lists = single.iter().chain(&self.energy).chain(&self.outflow).chain(&self.at_jumps);
         all.iter_mut().zip(lists).for_each(|(to, from)| *to = *from);
         all
@@ -51,10 +48,10 @@ impl ParticleTally {
     /// The tally with these numbers.
     pub fn from_numbers(all: &[f64; NUMBERS]) -> Self {
         let mut tally = Self::default();
-        [tally.mass, tally.absolute, tally.outside, tally.interface] =
-            [all[0], all[1], all[2], all[3]];
+        [tally.mass, tally.absolute, tally.outside, tally.interface, tally.left] =
+            [all[0], all[1], all[2], all[3], all[4]];
         let lists = tally.energy.iter_mut().chain(&mut tally.outflow).chain(&mut tally.at_jumps);
-        lists.zip(&all[4..]).for_each(|(to, from)| *to = *from);
+        lists.zip(&all[5..]).for_each(|(to, from)| *to = *from);
         tally
     }
 }
@@ -93,7 +90,8 @@ impl<'a> ParticleTracker<'a> {
             added += gains.as_mut().map_or(0.0, |gains| gains.factor(met) - 1.0);
         });
         if let Some(exit) = found.exit {
-            let end = end_index(AxisEnd { axis: exit.axis, upper: exit.upper });
+            let end = AxisEnd { axis: exit.axis, upper: exit.upper }.number();
+            tally.left += mass;
             if exit.at_jump {
                 tally.at_jumps[end] += mass;
                 // Its new velocity is not on the grid, so the last jump adds no mass to it.
@@ -175,7 +173,7 @@ mod tests {
         let mut numbers = [0.0; NUMBERS];
         numbers.iter_mut().enumerate().for_each(|(k, x)| *x = k as f64);
         let tally = ParticleTally::from_numbers(&numbers);
-        assert_eq!((tally.interface, tally.energy[0]), (3.0, 4.0));
+        assert_eq!((tally.interface, tally.left, tally.energy[0]), (3.0, 4.0, 5.0));
         assert_eq!(tally.numbers(), numbers);
     }
 

@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::base::text::{bytes_text, rounded_down};
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
-use crate::problem::case::{Case, Data, LARGEST_TOLERANCE, MeasurementEffort, Method};
+use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::grid_search::{
@@ -17,11 +17,11 @@ use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::scheme_search::FOR_GRIDS;
 use crate::study::advise::settings::{command, settings};
 use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport};
-use crate::study::advise::trials::{cells, mode_updates};
+use crate::study::advise::trials::mode_updates;
 use crate::study::advise::{ROUND_OFF, SetupCandidate, Study};
 use crate::study::budget::Budget;
-use crate::study::density::distance;
-use crate::study::grids::{MOST_PLANNED_SPACE_CELLS, shape_text};
+use crate::study::density::{distance, mean_size};
+use crate::study::grids::{MOST_PLANNED_SPACE_CELLS, cells, shape_text};
 use crate::study::trial::final_fields_only;
 
 /// Largest part of the accuracy that the error of Schrödingerization may take.
@@ -72,22 +72,17 @@ impl Study<'_> {
             shape: reached.shape.clone(),
             cells: cells(&target.space.shape()),
             computed_cells: cells(&self.trials.merged(target).space.shape()),
-            tolerance: None,
             error: reached.error,
             known: reached.known,
             parts: ErrorParts::of_discretisation(reached.error, reached.part_of_space),
             order: reached.order.clone(),
             grids: reached.grids.clone(),
             moved_edges: self.trials.degree_case(scheme).grids.moved(&reached.shape),
-            applications: 0.0,
-            memory_bytes_per_rank: 0.0,
-            seconds: None,
-            seconds_measured: false,
             wanted_budget,
             refused,
-            estimate: None,
             command: command(self.case, &settings),
             settings,
+            ..SetupReport::default()
         }
     }
 
@@ -98,7 +93,7 @@ impl Study<'_> {
         }
         let next = self.trials.degree_case(scheme).grids.twice(&reached.shape);
         let updates = self.trials.updates_to_try(scheme, &next).unwrap_or(f64::INFINITY);
-        let budget = Budget::that_holds(updates, FOR_GRIDS * FOR_LEVELS);
+        let budget = Budget::seconds_for(updates, FOR_GRIDS * FOR_LEVELS);
         // That may be too low: the budget that was given does not suffice.
         Some(budget.max(2.0 * self.request.budget))
     }
@@ -201,7 +196,7 @@ impl Study<'_> {
             let case = self.trials.merged(&case);
             let found = ProvisionalPlan::new(&case, &Resources::here(self.world));
             let is_small =
-                |plan: Plan| (self.trials.budget).holds(mode_updates(&case, &plan), FOR_MODES);
+                |plan: Plan| (self.trials.budget).fits_count(mode_updates(&case, &plan), FOR_MODES);
             if found.map(|found| found.plan).is_ok_and(is_small) {
                 return Ok(grid.shape.clone());
             }
@@ -216,7 +211,7 @@ impl Study<'_> {
         let allowed = SCHRODINGERIZATION * self.request.accuracy;
         let reference = self.trials.run(scheme, coarse)?;
         let (density, spread) = (reference.density.clone(), reference.spread);
-        let guaranteed = matches!(self.case.data, Data::Density);
+        let guaranteed = !self.case.is_measure_valued();
         // Level sets enter the density through a delta function as wide as a cell, without a bound.
         // So begin with a tenth of the allowed error, and measure.
         let mut tolerance = if guaranteed { allowed / spread } else { 0.1 * allowed };
@@ -374,7 +369,7 @@ impl Study<'_> {
         let mut parts = ErrorParts::of_discretisation(error, reached.part_of_space_on(&shape));
         let rough = self.trials.run(scheme, &start)?;
         let (density, spread) = (rough.density.clone(), rough.spread);
-        if self.case.method == Method::Schrodingerized && matches!(self.case.data, Data::Density) {
+        if self.case.method == Method::Schrodingerized && !self.case.is_measure_valued() {
             match self.case.propagator.method.order() {
                 0 => parts.schrodingerization = Some(self.case.tolerance * spread),
                 _ => parts.step = self.error_of_step(scheme, &start, &density),
@@ -383,8 +378,7 @@ impl Study<'_> {
         if let Some(readout) = &self.case.readout
             && let MeasurementEffort::Accuracy(accuracy) = readout.effort
         {
-            let mean = density.iter().map(|rho| rho.abs()).sum::<f64>() / density.len() as f64;
-            parts.readout = Some(accuracy / mean);
+            parts.readout = Some(accuracy / mean_size(&density));
         }
         let added = [parts.schrodingerization, parts.step, parts.readout];
         let error = error + added.into_iter().flatten().sum::<f64>();
@@ -403,7 +397,7 @@ impl Study<'_> {
         let own = final_fields_only(&scheme.schrodingerized(self.case, start));
         let own = Case { exact: None, verify: false, ..own };
         let updates = self.plan_of(&own).map_or(f64::INFINITY, |plan| mode_updates(&own, &plan));
-        if !self.trials.budget.allows(updates, 1.0) {
+        if !self.trials.budget.fits(updates, 1.0) {
             return None;
         }
         let found = self.trials.measure(&own, updates).ok()?;

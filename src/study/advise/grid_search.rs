@@ -2,8 +2,9 @@
 
 use crate::base::error::Result;
 use crate::study::advise::scheme::SchemeChoice;
-use crate::study::advise::trials::{Trials, cells};
+use crate::study::advise::trials::Trials;
 use crate::study::grids::Grids;
+use crate::study::grids::cells;
 use crate::study::order::{Order, OrderRange};
 use serde::Serialize;
 
@@ -37,7 +38,7 @@ pub struct MeasuredGrid {
 }
 
 /// The evidence for an error.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Evidence {
     /// Compared with the exact solution.
@@ -45,6 +46,7 @@ pub enum Evidence {
     /// Compared with a grid twice as fine, by Richardson's estimate.
     Estimated,
     /// Extrapolated from coarser grids by the order.
+    #[default]
     Extrapolated,
 }
 
@@ -334,8 +336,6 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// error, then coarser ones while they reach it too. Collective.
     fn sequence_from(&mut self, first: Vec<usize>) -> Result<ErrorSequence> {
         let scheme = self.goal.scheme;
-        let share = self.share(FOR_LEVELS);
-        let cheap = CHEAP * (share - self.used);
         let (exact, orders) = (self.trials.has_exact(), scheme.orders());
         let mut sequence = ErrorSequence {
             shapes: vec![first.clone()],
@@ -345,13 +345,28 @@ impl<'t, 'a> GridSearch<'t, 'a> {
             orders,
         };
         sequence.found.extend(self.trials.error(scheme, &first)?);
+        self.refine(&mut sequence)?;
+        self.coarsen(&mut sequence)?;
+        if !exact {
+            let to_finest = |shape: &Vec<usize>| self.trials.distance_to_finest(scheme, shape);
+            let distances = sequence.shapes.iter().map(|shape| to_finest(shape).unwrap_or(0.0));
+            sequence.to_finest = distances.collect();
+        }
+        Ok(sequence)
+    }
+
+    /// Adds finer grids to the `sequence` until one reaches the wanted error. Collective.
+    fn refine(&mut self, sequence: &mut ErrorSequence) -> Result<()> {
+        let scheme = self.goal.scheme;
+        let share = self.share(FOR_LEVELS);
+        let cheap = CHEAP * (share - self.used);
         while sequence.shapes.len() < MOST_LEVELS {
             let reached = sequence.grids().last().is_some_and(|grid| grid.error <= self.wanted);
             let last = sequence.shapes[sequence.shapes.len() - 1].clone();
             let next = self.grids().twice(&last);
             if next == last {
                 // Nothing varies along any axis.
-                if !exact {
+                if !sequence.exact {
                     sequence.found.push(0.0);
                 }
                 break;
@@ -362,12 +377,18 @@ impl<'t, 'a> GridSearch<'t, 'a> {
             if (reached && (enough || !more)) || !self.trials.affords(scheme, &next, share)? {
                 break;
             }
-            match exact {
+            match sequence.exact {
                 true => sequence.found.extend(self.trials.error(scheme, &next)?),
                 false => sequence.found.push(self.distance(&last, &next)?),
             }
             sequence.shapes.push(next);
         }
+        Ok(())
+    }
+
+    /// Adds coarser grids to the `sequence` while they reach the wanted error. Collective.
+    fn coarsen(&mut self, sequence: &mut ErrorSequence) -> Result<()> {
+        let scheme = self.goal.scheme;
         while sequence.shapes.len() < MOST_LEVELS
             && sequence.grids().first().is_some_and(|grid| grid.error <= self.wanted)
             && let Some(half) = self.grids().halved(&sequence.shapes[0])
@@ -379,12 +400,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
             sequence.shapes.insert(0, half);
             sequence.found.insert(0, found);
         }
-        if !exact {
-            let to_finest = |shape: &Vec<usize>| self.trials.distance_to_finest(scheme, shape);
-            let distances = sequence.shapes.iter().map(|shape| to_finest(shape).unwrap_or(0.0));
-            sequence.to_finest = distances.collect();
-        }
-        Ok(sequence)
+        Ok(())
     }
 
     /// The coarsest grid that reaches the wanted error between a coarse one that does not and a

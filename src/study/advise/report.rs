@@ -4,11 +4,11 @@ use crate::base::text::{
     ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, one_digit, quoted, seconds_text, short,
 };
 use crate::problem::case::{Case, Method};
+use crate::problem::grid::SPACE_NAMES;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::setups::{AdviceReport, ErrorParts, SetupReport};
-use crate::study::advise::trials::cells;
-use crate::study::grids::shape_text;
+use crate::study::grids::{cells, shape_text};
 use crate::study::order::Order;
 use std::fmt;
 
@@ -58,7 +58,7 @@ pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
     if hides_staircase(case) {
         warnings.push(STAIRCASE.to_owned());
     }
-    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+    for (axis, name) in SPACE_NAMES.into_iter().enumerate() {
         if can().any(|e| e.moved_edges.contains(&axis)) {
             let error = match case.exact {
                 Some(_) => "which is part of the error",

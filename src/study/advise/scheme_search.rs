@@ -6,8 +6,8 @@ use crate::study::advise::grid_search::{
     DISCRETISATION, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid,
 };
 use crate::study::advise::scheme::SchemeChoice;
-use crate::study::advise::trials::cells;
 use crate::study::advise::{ROUND_OFF, Study};
+use crate::study::grids::cells;
 use crate::study::grids::shape_text;
 
 /// The largest number of budgets, as counted, that the run on the first grid may take. A budget

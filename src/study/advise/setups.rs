@@ -44,7 +44,7 @@ impl ErrorParts {
 }
 
 /// A set-up on the coarsest grid that reaches the accuracy.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SetupReport {
     /// Name of method and scheme.
     pub name: String,
@@ -262,27 +262,15 @@ mod tests {
             method: Method::Classical,
             interface: Interface::Conservative,
             limiter: Limiter::None,
-            degree: 0,
-            flux: None,
             shape: vec![10, 10],
             cells: 100.0,
             computed_cells: 100.0,
-            tolerance: None,
             error: 0.01,
             known: Evidence::Extrapolated,
             parts: ErrorParts::of_discretisation(0.01, Some(0.5)),
             order,
-            grids: Vec::new(),
-            moved_edges: Vec::new(),
             applications,
-            memory_bytes_per_rank: 0.0,
-            seconds: None,
-            seconds_measured: false,
-            wanted_budget: None,
-            refused: None,
-            estimate: None,
-            settings: Vec::new(),
-            command: String::new(),
+            ..SetupReport::default()
         }
     }
 

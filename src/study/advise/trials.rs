@@ -13,7 +13,7 @@ use crate::study::advise::scheme::SchemeChoice;
 use crate::study::budget::Budget;
 use crate::study::cost::{CostModel, TrialSeconds, planned_updates, planned_work};
 use crate::study::density::{density_of, distance, exact_density, spread};
-use crate::study::grids::{Grids, of_degree};
+use crate::study::grids::{Grids, cells, of_degree};
 use crate::study::trial::trial;
 use std::collections::BTreeMap;
 
@@ -126,7 +126,7 @@ impl<'a> Trials<'a> {
         mut budget: Budget,
     ) -> Result<Self> {
         let updates = UPDATES_TO_REDUCE * base.space.cells() as f64;
-        let has_time = budget.holds(updates, FOR_REDUCTION);
+        let has_time = budget.fits_count(updates, FOR_REDUCTION);
         if has_time {
             budget.count(updates);
         }
@@ -204,7 +204,7 @@ impl<'a> Trials<'a> {
     /// cells than the budget has updates.
     fn updates(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<f64> {
         let case = self.merged(&scheme.classical(&self.degree_case(scheme).base, shape));
-        match self.budget.holds(cells(&case.space.shape()), 1.0) {
+        match self.budget.fits_count(cells(&case.space.shape()), 1.0) {
             true => self.updates_of_run(&case),
             false => Ok(f64::INFINITY),
         }
@@ -250,7 +250,7 @@ impl<'a> Trials<'a> {
     /// As [`CostModel::work`].
     pub fn is_cheap(&mut self, scheme: SchemeChoice, shape: &[usize], part: f64) -> Result<bool> {
         let updates = self.updates_to_try(scheme, shape)?;
-        Ok(self.budget.holds(updates, part))
+        Ok(self.budget.fits_count(updates, part))
     }
 
     /// Whether `scheme` on `shape` was tried, or may be with this part of the budget. Collective.
@@ -260,10 +260,10 @@ impl<'a> Trials<'a> {
     pub fn affords(&mut self, scheme: SchemeChoice, shape: &[usize], part: f64) -> Result<bool> {
         let mut updates = self.updates_to_compare(scheme, shape);
         if self.has_run(scheme, shape) {
-            return Ok(updates == 0.0 || self.budget.allows(updates, part));
+            return Ok(updates == 0.0 || self.budget.fits(updates, part));
         }
         updates += self.updates(scheme, shape)?;
-        Ok(self.budget.allows(updates, part))
+        Ok(self.budget.fits(updates, part))
     }
 
     /// Whether `scheme` on `shape` was tried.
@@ -325,7 +325,7 @@ impl<'a> Trials<'a> {
         if let Some(known) = self.by_modes.get(&key) {
             return Ok(Some(known.clone()));
         }
-        if !self.budget.allows(updates, share) {
+        if !self.budget.fits(updates, share) {
             return Ok(None);
         }
         let found = self.measure(target, updates)?;
@@ -418,9 +418,4 @@ impl<'a> Trials<'a> {
 /// Updates that a run of `case` by modes counts as.
 pub fn mode_updates(case: &Case, plan: &Plan) -> f64 {
     UPDATES_PER_MODE * planned_updates(case, plan)
-}
-
-/// The product of `shape`, as a float: it may exceed every integer.
-pub fn cells(shape: &[usize]) -> f64 {
-    shape.iter().map(|&n| n as f64).product()
 }

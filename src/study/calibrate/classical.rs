@@ -2,9 +2,8 @@
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
-use crate::propagate::classical::{Classical, classical_steps};
+use crate::propagate::classical::{Classical, ClassicalSpan, classical_steps};
 use crate::propagate::limiter::Reconstruction;
-use crate::run::classical::{Integration, integrate};
 use crate::solve::prepared::Prepared;
 use crate::study::calibrate::timing::{PARTS, SolveTime, TimedWork, line};
 use std::time::Instant;
@@ -18,7 +17,7 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
     let (case, world) = (&*case, &communicator.world);
     let fields = case.fields.len();
     let mut trial = |part: usize| -> Result<TimedWork> {
-        let shortened = of_part(case, part);
+        let shortened = cut_in_time(case, part);
         let (legs, steps) = (shortened.legs(), classical_steps(&shortened, &plan.bounds));
         world.barrier();
         let started = Instant::now();
@@ -28,8 +27,8 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
                 Classical::of(case, &system.matrix, &system.weights.pi).with_slopes(slopes);
             let mut state = start.clone();
             for (&time, &steps) in legs.iter().zip(&steps) {
-                let span = Integration { case: &shortened, rate: plan.bounds.rate, time, steps };
-                integrate(&mut classical, &mut system.exchange, span, &mut state);
+                let span = ClassicalSpan { rate: plan.bounds.rate, time };
+                classical.integrate(&mut system.exchange, &shortened, span, steps, &mut state);
             }
         }
         let seconds = world.max(started.elapsed().as_secs_f64());
@@ -42,7 +41,7 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
 }
 
 /// `case` with every leg cut down to `part` of [`PARTS`] equal parts.
-fn of_part(case: &Case, part: usize) -> Case {
+fn cut_in_time(case: &Case, part: usize) -> Case {
     let fraction = part as f64 / PARTS as f64;
     let mut case = case.clone();
     let begin = case.begin;

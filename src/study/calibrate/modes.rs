@@ -61,11 +61,7 @@ pub fn predict_solve_time(
         initial: (states.iter().zip(norms))
             .map(|(state, norm)| InitialState::real(&state[..rows], norm))
             .collect(),
-        moments: MomentsOf {
-            factors: &factors,
-            pi: &weights.pi[..matrix.block.cells()],
-            least: case.space.least_relative_volume().min(1.0),
-        },
+        moments: MomentsOf::new(&case.space, &factors, &weights.pi[..matrix.block.cells()]),
         matrix,
         exchange,
         schedule: schedule.as_ref(),

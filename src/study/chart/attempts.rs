@@ -132,6 +132,28 @@ impl<'a> Attempts<'a> {
         }
     }
 
+    /// Tries the settings of `programme`, and the case as given. Returns the grid on which methods
+    /// are compared, and why it is that one. Collective.
+    ///
+    /// # Errors
+    /// That of the first trial, if every method fails on two grids: all others would fail, too.
+    pub fn run_programme(&mut self, programme: &Programme) -> Result<(PhaseSpace, Option<String>)> {
+        self.try_all(programme.every_method());
+        let given = Setting { space: self.case.space.clone(), setup: Setup::Given, flux: None };
+        self.try_all(vec![given]);
+        self.try_all(programme.own_grid());
+        if !self.has_results() {
+            return Err(self.why_nothing_ran());
+        }
+        let (compared, compared_why) = self.grid_for_comparison(programme);
+        self.try_all(programme.every_choice(&compared));
+        self.try_all(programme.other_degrees());
+        self.try_all(programme.other_grids());
+        self.try_all(programme.other_fluxes());
+        self.try_all(programme.everything(&compared));
+        Ok((compared, compared_why))
+    }
+
     /// The case with elements of the degree of `space`.
     fn base(&self, space: &PhaseSpace) -> &'a Case {
         let other = self.degrees.iter().find(|case| case.space.degree() == space.degree());
@@ -145,7 +167,8 @@ impl<'a> Attempts<'a> {
 
     /// The error that nothing could be run: that of the first trial that failed, or that none fits
     /// into the budget.
-    pub fn why_nothing_ran(self) -> Error {
+    fn why_nothing_ran(&mut self) -> Error {
+        let first_error = self.first_error.take();
         let quickest = (self.entries.iter())
             .filter_map(|entry| entry.expected_seconds.map(|seconds| (seconds, &entry.grid)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
@@ -159,7 +182,7 @@ impl<'a> Attempts<'a> {
                 time_text(seconds)
             ))
         };
-        self.first_error.unwrap_or_else(none_fits)
+        first_error.unwrap_or_else(none_fits)
     }
 
     /// Seconds since the beginning, by this rank's clock.
@@ -225,7 +248,7 @@ impl<'a> Attempts<'a> {
         }
         if self.with_known_reduction(case).is_none() {
             let least = self.least_seconds(case);
-            if self.budget.decide(self.too_late(&case.space, setup, least)) {
+            if self.budget.decide(self.cannot_be_reduced(&case.space, setup, least)) {
                 return Ok(TrialOutcome::longer_than(least));
             }
         }
@@ -272,7 +295,7 @@ impl<'a> Attempts<'a> {
     /// Whether a trial of `seconds` fits into the budget. The first result may take all of it.
     fn fits(&self, setup: &Setup, seconds: f64) -> bool {
         if !self.has_results() {
-            return self.budget.holds_first(seconds);
+            return self.budget.fits_first(seconds);
         }
         let limit = self.budget.limit();
         let room = self.elapsed() + MARGIN * seconds <= limit;
@@ -305,7 +328,7 @@ impl<'a> Attempts<'a> {
     }
 
     /// Whether there is no time to reduce the grid of `case`, or its trial takes too long anyway.
-    fn too_late(&self, space: &PhaseSpace, setup: &Setup, least: f64) -> bool {
+    fn cannot_be_reduced(&self, space: &PhaseSpace, setup: &Setup, least: f64) -> bool {
         let seconds = self.reducing.seconds_per_cell * space.cells() as f64;
         // A grid no larger than those reduced so far is always reduced: else few methods are tried.
         let fewest = self.reduced_grids.iter().map(|grid| grid.key.cells()).min();

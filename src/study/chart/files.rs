@@ -7,7 +7,7 @@ use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
 use crate::study::chart::verdict::expected_seconds_text;
-use crate::study::files::StudyFiles;
+use crate::study::files::write_study;
 use serde_json::Value;
 use std::fmt;
 use std::path::Path;
@@ -50,8 +50,7 @@ impl Chart {
     /// # Errors
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        let (table, figure) = (csv(&self.entries), picture::figure(self));
-        StudyFiles { name: "chart", found: self, table, figure }.write(directory)
+        write_study(directory, "chart", self, &csv(&self.entries), &picture::figure(self))
     }
 
     /// Prints the number of settings left out, by method.

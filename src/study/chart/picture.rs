@@ -188,7 +188,7 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let axes = ["seconds", SEMIDISCRETE].map(PlotAxis::log);
     let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
     let first = profiles(entries).into_iter().next().unwrap_or_default();
-    let implicit = IMPLICIT_PROPAGATORS.map(|(_, method)| method);
+    let implicit = IMPLICIT_PROPAGATORS;
     let propagators = [&EXACT_PROPAGATORS[..], &implicit].concat();
     for (k, &method) in propagators.iter().enumerate() {
         plot = plot.series(&format!("{first}, {}", word(&method)), Style::of(k), |e| {

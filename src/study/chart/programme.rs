@@ -196,11 +196,9 @@ impl Programme {
         Flux::ALL.into_iter().map(Flux::alpha).flat_map(with).collect()
     }
 
-    /// Classical methods and the first profile on the case's own grid, and the case as given.
+    /// Classical methods and the first profile on the case's own grid.
     pub fn own_grid(&self) -> Vec<Setting> {
-        let mut setups = self.on_each_grid();
-        setups.push(Setup::Given);
-        on(&self.grids[self.own], &setups)
+        on(&self.grids[self.own], &self.on_each_grid())
     }
 
     /// Classical methods and the first profile on all other grids.
@@ -265,7 +263,7 @@ impl Programme {
             }
         }
         for steps in STEPS {
-            for (_, propagator) in IMPLICIT_PROPAGATORS {
+            for propagator in IMPLICIT_PROPAGATORS {
                 extend(stepped(base, propagator, steps));
             }
         }
@@ -304,7 +302,7 @@ fn stepped(base: Modes, propagator: PropagatorMethod, steps: usize) -> Modes {
 }
 
 fn implicit(base: Modes, steps: usize) -> impl Iterator<Item = Setup> {
-    IMPLICIT_PROPAGATORS.into_iter().map(move |(_, method)| stepped(base, method, steps).into())
+    IMPLICIT_PROPAGATORS.into_iter().map(move |method| stepped(base, method, steps).into())
 }
 
 fn paper(points: usize) -> Setup {

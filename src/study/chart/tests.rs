@@ -4,7 +4,7 @@ use super::*;
 use crate::problem::case::{Integrator, Limiter, ProfileChoice, PropagatorMethod};
 use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::files::{COLUMNS, csv};
-use crate::study::chart::setup::{Modes, refused};
+use crate::study::chart::setup::{Modes, Setup, refused};
 use crate::study::chart::verdict::winners;
 use crate::study::treatment::Treatment;
 use serde_json::Value;

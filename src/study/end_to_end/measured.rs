@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Exact};
 use crate::study::density::{density_of, distance, exact_density, spread};
-use crate::study::grids::{Grids, MOST_PLANNED_SPACE_CELLS, on_grid, shape_text};
+use crate::study::grids::{Grids, MOST_PLANNED_SPACE_CELLS, cells, on_grid, shape_text};
 use crate::study::order::{Order, OrderRange};
 use crate::study::trial::{final_fields_only, trial};
 
@@ -125,7 +125,7 @@ fn finer(coarse: &[usize], fine: &[usize]) -> f64 {
 /// [`Error::Input`] for a grid that is too large to be planned.
 pub(super) fn finer_grid(scheme: &Case, factor: f64, order: f64) -> Result<Vec<usize>> {
     let shape = Grids::new(scheme).alike(&scheme.space.elements(), factor);
-    let cells: f64 = shape[..scheme.space.dimension()].iter().map(|&n| n as f64).product();
+    let cells = cells(&shape[..scheme.space.dimension()]);
     if cells > MOST_PLANNED_SPACE_CELLS {
         return Err(Error::Input(format!(
             "{}: a grid of {cells:.1e} cells of space, {factor:.1} times finer along each axis \

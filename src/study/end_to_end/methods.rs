@@ -22,31 +22,16 @@ pub struct DegreeCost {
 
 /// Names of methods on a quantum computer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(into = "&'static str")]
 pub enum QuantumName {
     /// A scheme that dissipates, on a grid.
+    #[serde(rename = "Schrödingerization, dissipative")]
     Dissipative,
     /// A unitary scheme, on a grid.
+    #[serde(rename = "one mode, unitary")]
     Unitary,
     /// Traces over characteristics, without a grid.
+    #[serde(rename = "reversible characteristics")]
     OverCharacteristics,
-}
-
-impl QuantumName {
-    /// The name in JSON and tables.
-    pub fn text(self) -> &'static str {
-        match self {
-            Self::Dissipative => "Schrödingerization, dissipative",
-            Self::Unitary => "one mode, unitary",
-            Self::OverCharacteristics => "reversible characteristics",
-        }
-    }
-}
-
-impl From<QuantumName> for &'static str {
-    fn from(name: QuantumName) -> Self {
-        name.text()
-    }
 }
 
 /// A method on a quantum computer.
@@ -129,41 +114,28 @@ impl QuantumMethod {
 
 /// Names of classical methods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(into = "&'static str")]
 pub enum ClassicalName {
     /// Time stepping by the exponential integrator.
+    #[serde(rename = "time stepping, exponential")]
     Exponential,
     /// Explicit time stepping with limited slopes.
+    #[serde(rename = "time stepping, van Leer")]
     VanLeer,
     /// Quadrature over characteristics.
+    #[serde(rename = "quadrature over characteristics")]
     Quadrature,
     /// Monte Carlo over characteristics.
+    #[serde(rename = "Monte Carlo over characteristics")]
     MonteCarlo,
 }
 
 impl ClassicalName {
-    /// The name in JSON and tables.
-    pub fn text(self) -> &'static str {
-        match self {
-            Self::Exponential => "time stepping, exponential",
-            Self::VanLeer => "time stepping, van Leer",
-            Self::Quadrature => "quadrature over characteristics",
-            Self::MonteCarlo => "Monte Carlo over characteristics",
-        }
-    }
-
     /// What the size of the method counts.
     pub(super) fn unit(self) -> &'static str {
         match self {
             Self::Exponential | Self::VanLeer => "cells",
             Self::Quadrature | Self::MonteCarlo => "traces",
         }
-    }
-}
-
-impl From<ClassicalName> for &'static str {
-    fn from(name: ClassicalName) -> Self {
-        name.text()
     }
 }
 

@@ -27,9 +27,6 @@ use std::cell::RefCell;
 
 /// Parts of the error: for the grid, the evolution, the measurement.
 const PARTS: [f64; 3] = [0.5, 0.25, 0.25];
-/// Units of progress of the trials of a scheme, and of its price.
-pub(super) const UNITS_OF_TRIALS: usize = 1;
-pub(super) const UNITS_OF_PRICE: usize = 1;
 /// The source of the tolerance of a state, in labels.
 const SPREAD: &str = "measured ratio of the relative errors of the density and of f";
 /// The source of the numbers of a grid method, in labels.
@@ -62,9 +59,9 @@ struct StateOfMethod {
 }
 
 impl DensityTask<'_> {
-    /// Counts `units` units as done.
-    pub fn advance(&self, units: usize) {
-        self.progress.borrow_mut().advance(units);
+    /// Counts a unit as done: the trials of a scheme, or its price.
+    pub fn advance(&self) {
+        self.progress.borrow_mut().advance(1);
     }
 
     /// The quantum method by the degree that takes the fewest gates. Collective.
@@ -79,7 +76,7 @@ impl DensityTask<'_> {
                 Err(why) => Err(why.clone()),
             };
             let found = found.unwrap_or_else(|why| QuantumMethod::unavailable(name, &why));
-            self.advance(UNITS_OF_PRICE);
+            self.advance();
             degrees.push(DegreeCost {
                 degree: *degree,
                 order: found.order,
@@ -115,11 +112,7 @@ impl DensityTask<'_> {
         let target = on_grid(&scheme, &shape);
         let bounds = Bounds::new(&target)?;
         let accesses = &self.accesses(&target, &bounds, &prepared, factor, tolerance / ratio);
-        let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
-        let velocities = target.space.velocity_cells() as f64;
-        let prefactor =
-            target.space.velocity_box_volume() / velocities.sqrt() * norms.field * scale;
-        let overlap_error = PARTS[2] * self.accuracy * self.density / prefactor;
+        let overlap_error = self.overlap_error(&target, &scheme, norms.field);
         let state = match bounds.is_skew() {
             true => StateOfMethod::of_one_mode(tolerance),
             false => self.cheapest_state(&target, &bounds, ratio, norms, accesses)?,
@@ -152,6 +145,15 @@ impl DensityTask<'_> {
             cost: Some(cost),
             ..QuantumMethod::unavailable(name, "")
         })
+    }
+
+    /// The error that the overlap may have whose multiple is the density on the grid of `target`.
+    /// `norm` is that of the field on the grid of `scheme`.
+    fn overlap_error(&self, target: &Case, scheme: &Case, norm: f64) -> f64 {
+        let scale = (target.space.cells() as f64 / scheme.space.cells() as f64).sqrt();
+        let velocities = target.space.velocity_cells() as f64;
+        let prefactor = target.space.velocity_box_volume() / velocities.sqrt() * norm * scale;
+        PARTS[2] * self.accuracy * self.density / prefactor
     }
 
     /// Accesses to the `H` of `target`, which is `factor` times finer than the grid of `prepared`,
@@ -221,7 +223,7 @@ impl DensityTask<'_> {
         /// Products, quotients and roots of a segment of a trace, and of the initial formula.
         const OF_SEGMENT: f64 = 5.0;
         const OF_FORMULA: f64 = 10.0;
-        const WHY: &str = "5 products of b bits a leg and 10 for f(0), b^2 Toffoli gates each, \
+        const WHY: &str = "5 products of b bits a segment and 10 for f(0), b^2 Toffoli gates each, \
                            computed and uncomputed; b = log2(1/eps) + 10";
         const ROOM: &str = "b bits for each coordinate, the time and every product, kept until \
                             uncomputed, and the register of the estimation";

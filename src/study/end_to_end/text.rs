@@ -1,6 +1,7 @@
 //! The task and all methods as a table, and sentences on them.
 
 use crate::base::table::ColumnValues;
+use crate::base::text::word;
 use crate::quantum::cost::Cost;
 use crate::quantum::cost::table::CostTable;
 use crate::quantum::labelled_number::{LabelledNumber, Trust};
@@ -33,9 +34,9 @@ pub(super) fn verdict(
         ));
     }
     if let Some((best, least)) = known.iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
-        lines.push(format!("fewest gates: {}", best.name.text()));
+        lines.push(format!("fewest gates: {}", word(&best.name)));
         for (way, gates) in known.iter().filter(|(way, _)| way.name != best.name) {
-            lines.push(format!("{}: {:.1e} times as many", way.name.text(), gates / least));
+            lines.push(format!("{}: {:.1e} times as many", word(&way.name), gates / least));
         }
     }
     for (way, _) in known {
@@ -47,8 +48,8 @@ pub(super) fn verdict(
         let pace = way.physical.seconds.because().unwrap_or_default();
         lines.push(format!(
             "{} {wins} against {}: {seconds:.1e} s ({pace}; assumed), {classical:.1e} s",
-            way.name.text(),
-            baseline.name.text()
+            word(&way.name),
+            word(&baseline.name)
         ));
     }
     lines
@@ -92,7 +93,7 @@ impl EndToEnd {
             self.numbers(name, number, |_| LabelledNumber::unavailable(""))
         };
         vec![
-            self.values("way", |way| way.name.text().into(), |method| method.name.text().into()),
+            self.values("way", |way| word(&way.name).into(), |method| word(&method.name).into()),
             Trust::Estimate.of_column(words("grid", |way| {
                 way.grids.last().map(|grid| shape_text(grid)).into()
             })),
@@ -140,17 +141,9 @@ impl QuantumMethod {
             QuantumName::Dissipative | QuantumName::OverCharacteristics => "upwind",
         }
     }
-}
 
-impl fmt::Display for QuantumMethod {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", self.name.text().to_uppercase())?;
-        // Degrees that have no number for the same reason are in one line.
-        let alike =
-            |a: &DegreeCost, b: &DegreeCost| a.why_not().is_some() && a.why_not() == b.why_not();
-        for degrees in self.degrees.chunk_by(alike) {
-            degrees_line(f, degrees)?;
-        }
+    /// The grids with their errors, the one needed, and how degree and profile were chosen there.
+    fn grid_lines(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (grid, error) in self.grids.iter().zip(&self.errors) {
             writeln!(f, "  {:<24}relative L1 error of the density {error:.3e}", shape_text(grid))?;
         }
@@ -171,11 +164,25 @@ impl fmt::Display for QuantumMethod {
             let profile = profile.unwrap_or_else(|| "none: one mode, no p".to_owned());
             writeln!(f, "  {:<24}{degree}\n  {:<24}{profile}", "degree", "profile")?;
         }
+        Ok(())
+    }
+}
+
+impl fmt::Display for QuantumMethod {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", word(&self.name).to_uppercase())?;
+        // Degrees that have no number for the same reason are in one line.
+        let alike =
+            |a: &DegreeCost, b: &DegreeCost| a.why_not().is_some() && a.why_not() == b.why_not();
+        for degrees in self.degrees.chunk_by(alike) {
+            degrees_line(f, degrees)?;
+        }
+        self.grid_lines(f)?;
         if let Some(segments) = self.segments {
             writeln!(
                 f,
                 "  {:<24}{segments:>12}  estimate: the most of 1000 traces",
-                "legs of a trace"
+                "segments of a trace"
             )?;
         }
         // A reason that several numbers share is given once, that of the degrees above.
@@ -246,7 +253,7 @@ impl fmt::Display for EndToEnd {
             writeln!(
                 f,
                 "  {:<37}{size:>10} {:<7}{seconds}",
-                format!("{}{degree}", name.text()),
+                format!("{}{degree}", word(name)),
                 name.unit()
             )?;
         }

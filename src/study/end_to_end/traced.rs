@@ -7,11 +7,12 @@
 //! narrower than the distance of the first values ([`first_panels`]) may be overlooked.
 
 use crate::base::error::Result;
+use crate::base::random::uniform;
 use crate::problem::case::Case;
 use crate::problem::exact::{MostCells, Tracer};
 use crate::study::grids::on_grid;
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_chacha::rand_core::SeedableRng;
 use std::time::Instant;
 
 /// Largest number of values of a quadrature.
@@ -232,8 +233,7 @@ impl DensityAtPoint<'_> {
     }
 
     fn random_part(&self, random: &mut ChaCha8Rng) -> Vec<f64> {
-        let each = |_| (random.next_u64() >> 11) as f64 / 2f64.powi(53);
-        (0..self.dimension()).map(each).collect()
+        (0..self.dimension()).map(|_| uniform(random)).collect()
     }
 
     /// The largest number of segments of a characteristic, among 1000 random velocities. Where `V`

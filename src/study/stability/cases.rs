@@ -4,7 +4,6 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method};
-use crate::problem::potential::unresolved_regions;
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum;
 use crate::study::grids::{grid_name, stray_edges};
@@ -30,9 +29,9 @@ pub fn grid_notes(case: &Case, used: &Case) -> Vec<String> {
     let mut notes = Vec::new();
     if shape != coarse {
         notes.push(format!("measured on {coarse} instead of {shape}"));
-    }
-    if stray_edges(used) > unresolved_regions(case).edges.len() {
-        notes.push("the edges of V lie on other faces there".to_owned());
+        if stray_edges(used) > stray_edges(case) {
+            notes.push("the edges of V lie on other faces there".to_owned());
+        }
     }
     notes
 }
@@ -76,4 +75,36 @@ pub fn growth(found: &mut Prepared) -> Result<f64> {
     let space = &found.communicator.space;
     let (extremes, _) = spectrum::of(&mut found.system, space, LANCZOS)?;
     Ok(extremes.highest.value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::potential::unresolved_regions;
+
+    /// A region without a cell centre counts on both grids, and a grid that is the case's own has
+    /// no notes.
+    #[test]
+    fn regions_without_a_centre_are_no_moved_edges() {
+        let text = r#"
+            axis = [
+            { x = { lower = -1, upper = 1, cells = 20 }, v = { lower = -1, upper = 1, cells = 20 } }
+            ]
+            potential = [
+            { where = "abs(x - 0.02) < 0.01", value = "0.2" }, { where = "x < 0", value = "0.1" },
+            { value = "0" }
+            ]
+            initial.f = "exp(-20*(x^2 + v^2))"
+            time.end = 0.5
+            solver.tolerance = 1e-5
+        "#;
+        let read = |cells: &str| Case::parse("case.toml", text, &[cells.to_owned()]).unwrap();
+        let case = read("axis.0.x.cells=20");
+        assert!(stray_edges(&case) > unresolved_regions(&case).edges.len());
+        assert!(grid_notes(&case, &case).is_empty());
+        let notes = |cells: &str| grid_notes(&case, &read(cells));
+        assert_eq!(notes("axis.0.v.cells=10"), ["measured on 20 x 10 instead of 20 x 20"]);
+        // An edge at 0 lies within a cell of an odd number of cells.
+        assert_eq!(notes("axis.0.x.cells=15").len(), 2);
+    }
 }

@@ -22,14 +22,14 @@ const FACTORS: [usize; 6] = [1, 2, 3, 4, 6, 8];
 const POWER: i32 = 3;
 
 /// Whether `λ⁺T` rises or falls with the logarithm of the cells, by a line of least squares. Its
-/// slope counts if it exceeds `SURE` times its standard error and changes `λ⁺T` by at least
-/// `LITTLE` over all grids.
+/// slope counts if it exceeds `STUDENT_T_95` times its standard error and changes `λ⁺T` by at least
+/// `LEAST_CHANGE` over all grids.
 fn trend(points: &[CurvePoint]) -> &'static str {
     /// Fewer grids show no trend.
     const GRIDS: usize = 4;
     /// Student's t at 95 % for four grids, with two degrees of freedom.
-    const SURE: f64 = 4.3;
-    const LITTLE: f64 = 0.01;
+    const STUDENT_T_95: f64 = 4.3;
+    const LEAST_CHANGE: f64 = 0.01;
     if points.len() < GRIDS {
         return "too few grids for a trend";
     }
@@ -43,7 +43,9 @@ fn trend(points: &[CurvePoint]) -> &'static str {
     let error = (rest / (count - 2.0) / spread).sqrt();
     let range = pairs().map(|(x, _)| x - x_mean).fold(0.0, |m: f64, x| m.max(x.abs()));
     match slope {
-        s if s.abs() <= SURE * error || s.abs() * 2.0 * range < LITTLE => "no trend by refinement",
+        s if s.abs() <= STUDENT_T_95 * error || s.abs() * 2.0 * range < LEAST_CHANGE => {
+            "no trend by refinement"
+        }
         s if s > 0.0 => "rising by refinement",
         s if s < 0.0 => "falling by refinement",
         _ => "no trend by refinement",

@@ -137,6 +137,14 @@ impl ImplicitSteps {
     }
 }
 
+/// The name of an implicit propagator.
+fn name(method: PropagatorMethod) -> &'static str {
+    match method {
+        PropagatorMethod::BackwardEuler => "backward Euler",
+        _ => "Crank-Nicolson",
+    }
+}
+
 /// Measures the panel. Collective.
 ///
 /// # Errors
@@ -153,7 +161,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
     let all: Vec<ImplicitSteps> = IMPLICIT_PROPAGATORS
         .into_iter()
-        .map(|(name, method)| ImplicitSteps::measure(task, &case, name, method))
+        .map(|method| ImplicitSteps::measure(task, &case, name(method), method))
         .collect();
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
     if all.iter().all(|steps| steps.points.is_empty()) {

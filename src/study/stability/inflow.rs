@@ -9,7 +9,8 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::inflow::AuxiliaryRow;
-use crate::problem::case::Delta;
+use crate::parallel::communicator::World;
+use crate::problem::case::{Case, Delta};
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, grid_notes, growth};
@@ -67,6 +68,29 @@ struct LossCurves {
 }
 
 impl LossCurves {
+    /// The curves of `case` over [`DECADES`] decades of `δ` on each side of `middle`. Collective.
+    ///
+    /// # Errors
+    /// As [`assembled`] and [`InflowLoss::of`].
+    fn measure(
+        task: &PanelTask<'_>,
+        case: &Case,
+        middle: f64,
+        notes: &mut Vec<String>,
+    ) -> Result<Self> {
+        let mut curves = Self::default();
+        for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
+            if task.is_over(notes) {
+                break;
+            }
+            let delta = middle * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
+            let mut found = with_delta(task.world, case, Delta::Given(delta))?;
+            let bound = found.bounds.growth * case.duration();
+            curves.push(delta, &InflowLoss::of(&mut found, case.duration())?, bound);
+        }
+        Ok(curves)
+    }
+
     fn push(&mut self, delta: f64, loss: &InflowLoss, bound: f64) {
         let point = |measured: f64, theory: f64| CurvePoint { x: delta, measured, theory };
         self.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
@@ -79,6 +103,16 @@ impl LossCurves {
         let finite = self.total.iter().filter(|p| of(p).is_finite());
         finite.min_by(|a, b| of(a).total_cmp(&of(b))).copied()
     }
+}
+
+/// `case` with this coupling of the inflow, assembled. Collective.
+///
+/// # Errors
+/// As [`assembled`].
+fn with_delta(world: &World, case: &Case, delta: Delta) -> Result<Prepared> {
+    let mut case = case.clone();
+    case.warp.delta = delta;
+    assembled(world, &case)
 }
 
 /// Measures the panel. Collective.
@@ -96,28 +130,15 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         ));
     }
     let case = coarsened(whole, CELLS);
-    let with = |delta: Delta| {
-        let mut case = case.clone();
-        case.warp.delta = delta;
-        assembled(world, &case)
-    };
-    let mut planned = with(Delta::Planned)?;
+    let mut planned = with_delta(world, &case, Delta::Planned)?;
     let largest =
         over_rows(&planned, |aux| aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
     if largest == 0.0 {
         return Err(Error::input("the inflow is zero on this grid"));
     }
     let chosen = InflowLoss::of(&mut planned, case.duration())?.total();
-    let (mut notes, mut curves) = (grid_notes(whole, &case), LossCurves::default());
-    for k in -PER_DECADE * DECADES..=PER_DECADE * DECADES {
-        if task.is_over(&mut notes) {
-            break;
-        }
-        let delta = largest * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
-        let mut found = with(Delta::Given(delta))?;
-        let bound = found.bounds.growth * case.duration();
-        curves.push(delta, &InflowLoss::of(&mut found, case.duration())?, bound);
-    }
+    let mut notes = grid_notes(whole, &case);
+    let curves = LossCurves::measure(task, &case, largest, &mut notes)?;
     let (measured, theory) = (curves.least(|p| p.measured), curves.least(|p| p.theory));
     let [at, best] = measured.map_or([f64::NAN; 2], |p| [p.x, p.measured]);
     Ok(PanelContents {

@@ -80,7 +80,7 @@ impl IntervalTrials {
         let Self { reference, extent, profile, .. } = self;
         let points = points(profile, ends[1] - ends[0]);
         let series = Series::sampled(ends, points, |p| profile.value(p));
-        if !task.budget.holds(reference.updates(&series)?, 1.0) {
+        if !task.budget.fits_count(reference.updates(&series)?, 1.0) {
             return Ok(None);
         }
         let errors = reference.errors(&series, &[0.0])?;
@@ -160,6 +160,31 @@ impl IntervalErrors {
     }
 }
 
+/// The conclusion from the borders: the left end, its bound, the right end, its bound. One that is
+/// not known is called `missing`.
+fn verdict(
+    threshold: f64,
+    [left, left_theory, right, right_theory]: [Option<f64>; 4],
+    missing: &str,
+    shortest: Option<&ShortestInterval>,
+) -> String {
+    let number = |x: Option<f64>| x.map_or(missing.to_owned(), |x| format!("{x:.2}"));
+    let refused = match shortest {
+        Some(ShortestInterval { left_end, .. }) => format!(", here L above {left_end:.2}."),
+        None => "; from which L on was not located.".to_owned(),
+    };
+    format!(
+        "The error is below {threshold:.1e} for L up to {} (bound {}), beyond which the field \
+         wraps around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The \
+         bounds hold for any data; for a case shorter intervals may suffice. Runs refuse what \
+         is too short for their own profile{refused}",
+        number(left),
+        number(left_theory),
+        number(right),
+        number(right_theory),
+    )
+}
+
 /// Measures the panel. Collective.
 ///
 /// # Errors
@@ -186,20 +211,11 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     let run = sampled(case.clone(), ratio);
     let tolerance = run.tolerance;
     let shortest = intervals.shortest(task, run)?;
-    let number = |x: Option<f64>| x.map_or(errors.missing_text().to_owned(), |x| format!("{x:.2}"));
-    let refused = match &shortest {
-        Some(ShortestInterval { left_end, .. }) => format!(", here L above {left_end:.2}."),
-        None => "; from which L on was not located.".to_owned(),
-    };
-    let verdict = format!(
-        "The error is below {threshold:.1e} for L up to {} (bound {}), beyond which the field \
-         wraps around, and for R from {} on (bound {}), short of which e^(-p) is cut off. The \
-         bounds hold for any data; for a case shorter intervals may suffice. Runs refuse what \
-         is too short for their own profile{refused}",
-        number(left),
-        number(left_theory),
-        number(right),
-        number(right_theory),
+    let verdict = verdict(
+        threshold,
+        [left, left_theory, right, right_theory],
+        errors.missing_text(),
+        shortest.as_ref(),
     );
     let accepted = "shortest that a run accepts: its error, beside its tolerance";
     let borders = [

@@ -65,7 +65,7 @@ impl PanelTask<'_> {
             Err(Error::Modes { .. }) => None,
             Err(error) => Some(Err(error)),
             Ok(plan) => (self.budget)
-                .holds(planned_updates(case, &plan), 1.0)
+                .fits_count(planned_updates(case, &plan), 1.0)
                 .then(|| trial(self.world, case)),
         }
     }
@@ -179,17 +179,32 @@ impl AxisScale {
     }
 }
 
-/// A panel: measurements over one varied quantity.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct StabilityPanel {
+/// What a panel measures: the varied quantity along `x`, the measured one along `y`, and how.
+#[derive(Debug, Serialize)]
+pub struct PanelSpec {
     /// The name of the panel for `--only`.
     pub name: PanelName,
     /// The title of the panel.
     pub title: &'static str,
+    /// Whether the panel rarely uses an equal share of the budget. It may then take two shares of
+    /// the time that is left.
+    #[serde(skip)]
+    pub cheap: bool,
     /// The axis of the varied quantity.
     pub x: AxisScale,
     /// The axis of the measured quantity.
     pub y: AxisScale,
+    /// The measurement.
+    #[serde(skip)]
+    pub measure: fn(&PanelTask<'_>) -> PanelResult,
+}
+
+/// A panel: measurements over one varied quantity.
+#[derive(Clone, Debug, Serialize)]
+pub struct StabilityPanel {
+    /// What it measures.
+    #[serde(flatten)]
+    pub spec: &'static PanelSpec,
     /// The contents of the panel.
     #[serde(flatten)]
     pub findings: PanelContents,
@@ -227,7 +242,7 @@ pub struct LeftOut {
 }
 
 /// All panels of a case.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Serialize)]
 pub struct Stability {
     /// Title of the case, or its name.
     pub title: String,

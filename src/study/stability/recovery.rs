@@ -99,7 +99,7 @@ fn read(
     let period = extent.length() + TO + room;
     let modes = (profile.cutoff * period / std::f64::consts::TAU).ceil() as usize + 1;
     let series = Series::analytic(period, modes, |mu| profile.coefficient(mu));
-    if !task.budget.holds(reference.updates(&series)?, 1.0) {
+    if !task.budget.fits_count(reference.updates(&series)?, 1.0) {
         notes.push(format!("{name}: {modes} modes take too long here"));
         return Ok(None);
     }

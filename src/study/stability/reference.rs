@@ -8,8 +8,8 @@ use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, ProfileChoice, Propagation, RecoveryMethod, Shift};
 use crate::propagate::classical::{Classical, ClassicalSpan, EXACT};
-use crate::run::compare::FieldNorms;
 use crate::run::fields;
+use crate::run::norms::{FieldNorms, volumes_of};
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use crate::solve::prepared::Prepared;
@@ -106,10 +106,11 @@ impl ReferenceProblem {
         let at = |&point: &f64| Reading { method: RecoveryMethod::Point, point, width: 0.0 };
         self.prepared.plan = self.with_series(series.clone(), points.iter().map(at).collect())?;
         let found = fields::solve_silently(&mut self.prepared)?;
+        let volumes = volumes_of(&self.prepared);
         let mut worst = vec![0.0f64; points.len()];
         for (readings, exact) in found.fields.iter().zip(&self.exact) {
             for (worst, f) in worst.iter_mut().zip(readings) {
-                let error = FieldNorms::new(&self.prepared, f).distance(exact);
+                let error = FieldNorms::new(&self.prepared, &volumes, f).distance(exact);
                 if !error.is_nan() {
                     *worst = worst.max(error);
                 }

@@ -4,12 +4,12 @@ use crate::base::error::Result;
 use crate::base::text::word;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{self, Figure, PlotAxis};
-use crate::study::files::StudyFiles;
+use crate::study::files::write_study;
 use crate::study::grids::shape_text;
 use crate::study::stability::panel::{
     AxisScale, Border, Curve, CurvePoint, Stability, StabilityPanel,
 };
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 use std::path::Path;
 
 /// Largest width of a name in the table, in columns.
@@ -38,49 +38,6 @@ impl Stability {
         }
     }
 
-    /// The borders and the verdicts as text.
-    pub fn table(&self) -> String {
-        let mut text =
-            format!("{}: {}, T = {}\n", self.title, self.grid_text(&self.shape), self.time);
-        let names =
-            self.panels.iter().flat_map(|p| &p.findings.borders).map(|b| b.name.chars().count());
-        let width = names.max().unwrap_or(0).min(WIDEST_NAME);
-        let _ = writeln!(
-            text,
-            "\n  {:<width$} {:>12} {:>12} {:>6} {:>9}",
-            "border", "measured", "by theory", "", "ratio"
-        );
-        for panel in &self.panels {
-            let _ = writeln!(
-                text,
-                "{} ({}, {})",
-                word(&panel.name),
-                panel.title,
-                self.grid_text(&panel.findings.shape)
-            );
-            for Border { name, measured, theory, ratio, bound, .. } in &panel.findings.borders {
-                let ratio = ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
-                let kind = if theory.is_some() { kind(*bound) } else { "" };
-                let (measured, theory) = (number(*measured), number(*theory));
-                // A longer name is on a line of its own.
-                let name = match name.chars().count() > width {
-                    true => format!("{name}\n  {:width$}", ""),
-                    false => format!("{name:<width$}"),
-                };
-                let _ = writeln!(text, "  {name} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}");
-            }
-            let _ = writeln!(text, "    {}", panel.findings.verdict);
-            for note in &panel.findings.notes {
-                let _ = writeln!(text, "    ({note})");
-            }
-        }
-        for left_out in &self.left_out {
-            let _ = writeln!(text, "{} left out: {}", word(&left_out.name), left_out.reason);
-        }
-        let _ = writeln!(text, "{:.1} s", self.seconds);
-        text
-    }
-
     /// One line a point: panel, series, x, measured, theory, and whether the latter is the value
     /// (`theory`) or a `bound`. A missing number is an empty field.
     pub fn csv(&self) -> String {
@@ -88,11 +45,11 @@ impl Stability {
         let field = |x: f64| {
             if x.is_finite() { format!("{x:e}") } else { String::new() }
         };
-        for StabilityPanel { name, findings, .. } in &self.panels {
+        for StabilityPanel { spec, findings } in &self.panels {
             for curve in &findings.curves {
                 for p in &curve.points {
                     let numbers = [p.x, p.measured, p.theory].map(field).join(",");
-                    let (name, kind) = (word(name), kind(curve.bound));
+                    let (name, kind) = (word(&spec.name), kind(curve.bound));
                     let _ = writeln!(text, "{name},\"{}\",{numbers},{kind}", curve.name);
                 }
             }
@@ -105,8 +62,7 @@ impl Stability {
     /// # Errors
     /// [`crate::base::error::Error::Output`].
     pub fn write(&self, directory: &Path) -> Result<()> {
-        let (table, figure) = (self.csv(), self.figure());
-        StudyFiles { name: "stability", found: self, table, figure }.write(directory)
+        write_study(directory, "stability", self, &self.csv(), &self.figure())
     }
 
     /// The figure of the report: a frame for each panel, with markers for measured values and
@@ -131,6 +87,47 @@ impl Stability {
     }
 }
 
+/// The borders and the verdicts.
+impl fmt::Display for Stability {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}: {}, T = {}", self.title, self.grid_text(&self.shape), self.time)?;
+        let names =
+            self.panels.iter().flat_map(|p| &p.findings.borders).map(|b| b.name.chars().count());
+        let width = names.max().unwrap_or(0).min(WIDEST_NAME);
+        writeln!(
+            f,
+            "\n  {:<width$} {:>12} {:>12} {:>6} {:>9}",
+            "border", "measured", "by theory", "", "ratio"
+        )?;
+        for StabilityPanel { spec, findings } in &self.panels {
+            let grid = self.grid_text(&findings.shape);
+            writeln!(f, "{} ({}, {grid})", word(&spec.name), spec.title)?;
+            findings.borders.iter().try_for_each(|border| border.write(f, width))?;
+            writeln!(f, "    {}", findings.verdict)?;
+            findings.notes.iter().try_for_each(|note| writeln!(f, "    ({note})"))?;
+        }
+        for left_out in &self.left_out {
+            writeln!(f, "{} left out: {}", word(&left_out.name), left_out.reason)?;
+        }
+        writeln!(f, "{:.1} s", self.seconds)
+    }
+}
+
+impl Border {
+    /// The border as a line of the table, with its name in `width` columns.
+    fn write(&self, f: &mut fmt::Formatter<'_>, width: usize) -> fmt::Result {
+        let ratio = self.ratio.map_or("-".to_owned(), |r| format!("{r:.3}"));
+        let kind = if self.theory.is_some() { kind(self.bound) } else { "" };
+        let (measured, theory) = (number(self.measured), number(self.theory));
+        // A longer name is on a line of its own.
+        let name = match self.name.chars().count() > width {
+            true => format!("{}\n  {:width$}", self.name, ""),
+            false => format!("{:<width$}", self.name),
+        };
+        writeln!(f, "  {name} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}")
+    }
+}
+
 /// An axis of a panel.
 fn axis(scale: &AxisScale) -> PlotAxis {
     if scale.logarithmic { PlotAxis::log(scale.label) } else { PlotAxis::linear(scale.label) }
@@ -138,12 +135,13 @@ fn axis(scale: &AxisScale) -> PlotAxis {
 
 /// A panel of the figure.
 fn drawn(panel: &StabilityPanel) -> figure::Panel {
+    let spec = panel.spec;
     let line = |curve: &Curve, of: fn(&CurvePoint) -> f64| -> Vec<[f64; 2]> {
         curve.points.iter().map(|p| [p.x, of(p)]).collect()
     };
-    let mut out = figure::Panel::new(panel.title, axis(&panel.x), axis(&panel.y));
+    let mut out = figure::Panel::new(spec.title, axis(&spec.x), axis(&spec.y));
     let seen = |curve: &Curve| {
-        let drawn = |y: f64| y.is_finite() && (!panel.y.logarithmic || y > 0.0);
+        let drawn = |y: f64| y.is_finite() && (!spec.y.logarithmic || y > 0.0);
         curve.points.iter().any(|point| drawn(point.measured))
     };
     for (k, curve) in panel.findings.curves.iter().enumerate().filter(|(_, curve)| seen(curve)) {
@@ -171,7 +169,7 @@ fn drawn(panel: &StabilityPanel) -> figure::Panel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::stability::panel::{PanelContents, PanelName};
+    use crate::study::stability::panel::{PanelContents, PanelName, PanelSpec, nothing_tried};
 
     /// A curve without a measured value is not in the legend.
     #[test]
@@ -179,11 +177,16 @@ mod tests {
         let curve = |name: &str, measured: f64| {
             Curve::new(name, vec![CurvePoint { x: 1.0, measured, theory: f64::NAN }])
         };
-        let panel = StabilityPanel {
+        static SPEC: PanelSpec = PanelSpec {
             name: PanelName::Step,
             title: "steps",
+            cheap: false,
             x: AxisScale::log("step"),
             y: AxisScale::log("error"),
+            measure: |_| Err(nothing_tried()),
+        };
+        let panel = StabilityPanel {
+            spec: &SPEC,
             findings: PanelContents {
                 shape: vec![4, 4],
                 curves: vec![curve("seen", 0.5), curve("missing", f64::NAN), curve("zero", 0.0)],

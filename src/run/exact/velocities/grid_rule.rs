@@ -25,9 +25,8 @@ impl GridRule {
     /// `by_panels`, at up to `most` positions along each axis. Collective.
     pub fn accepted(world: &Group, by_panels: &PanelRule<'_>, most: usize) -> Option<Self> {
         let axes = &by_panels.space.v;
-        let ranges: Vec<_> = axes.iter().map(|axis| 0..axis.cells).collect();
         let mut points = Vec::new();
-        for_each_cell(&ranges, |j| {
+        for_each_cell(&by_panels.space.velocity_ranges(), |j| {
             let (mut velocity, mut weight) = ([0.0; MAX_DIMENSION], 1.0);
             for (a, axis) in axes.iter().enumerate() {
                 velocity[a] = axis.centre(j[a] as i64);

@@ -1,13 +1,14 @@
 //! Tests of the operator at one face: sums, contraction, energy, polynomials, very short pieces.
 
 use super::{FaceCoupling, FaceSide, TraceCoupling, TraceShare, check_axis};
+use crate::base::random::uniform;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::Axis;
 use crate::scheme::interface::conservative::Conservative;
 use crate::scheme::interface::law::{InterfaceLaw, Side};
 use faer::Mat;
 use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_chacha::rand_core::SeedableRng;
 
 /// Rounding of a sum of weights that add up to 1, where velocities are not rounded.
 const ROUND_OFF: f64 = 1e-13;
@@ -184,11 +185,6 @@ impl CoupledFace {
             }
         }
     }
-}
-
-/// Uniform in [0, 1).
-fn uniform(random: &mut ChaCha8Rng) -> f64 {
-    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
 
 /// Symmetric boxes, boxes with 0 on a face elsewhere, boxes of one sign.
