@@ -93,7 +93,7 @@ impl<'a> ParticleTracker<'a> {
             added += gains.as_mut().map_or(0.0, |gains| gains.factor(met) - 1.0);
         });
         if let Some(exit) = found.exit {
-            let end = end_index(AxisEnd { axis: exit.axis, upper: exit.upper });
+            let end = end_index(exit.end);
             if exit.at_jump {
                 tally.at_jumps[end] += mass;
                 // Its new velocity is not on the grid, so the last jump adds no mass to it.
