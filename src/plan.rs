@@ -199,8 +199,9 @@ impl Plan {
             Method::Schrodingerized => Some(WarpPlan::new(case, &bounds, ratio)?),
             Method::Classical if bounds.rate * case.duration() > LONGEST_SPAN * LONGEST_SPAN => {
                 return Err(Error::TooLong {
-                    end: case.duration(),
+                    end: case.end,
                     rate: bounds.rate,
+                    quantity: "that rate is",
                     span: bounds.rate * case.duration(),
                     limit: LONGEST_SPAN * LONGEST_SPAN,
                 });

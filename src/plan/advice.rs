@@ -2,8 +2,9 @@
 
 use crate::base::text::{bytes_text, counted, joined};
 use crate::plan::Plan;
-use crate::plan::layout::{LARGEST_POINTS, Layout, Resources};
+use crate::plan::layout::{Layout, Resources};
 use crate::problem::case::Case;
+use crate::problem::limits::MOST_POINTS;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
 use std::fmt;
@@ -173,7 +174,7 @@ impl fmt::Display for Advice {
                 "largest N_p     {points}{} with all modes kept, --mode full --ranks-x {}, in {} a \
                 rank{}. A run that drops its modes, --mode streamed, takes any N_p.{}",
                 match points {
-                    LARGEST_POINTS => " (the program's own limit)".to_owned(),
+                    MOST_POINTS => " (the program's own limit)".to_owned(),
                     _ if power < points => format!(" (2^{} = {power})", points.ilog2()),
                     _ => String::new(),
                 },

@@ -12,14 +12,11 @@ use crate::plan::balance::Batch;
 use crate::plan::memory::{arrays, memory_of_points};
 use crate::problem::case::{Case, Exact, Method};
 use crate::problem::grid::PhaseSpace;
-use crate::problem::limits::MOST_MODES;
+use crate::problem::limits::MOST_POINTS;
 use crate::propagate::descriptor;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
 use std::collections::BTreeSet;
-
-/// The most points `N_p` that are planned for.
-pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
 // Costs of an exchange in rows of a step, measured within a node (docs/performance.md): 4 µs a
 // round and 40 ns a ghost, against 7 to 20 ns a row.
@@ -192,7 +189,7 @@ impl Layout {
         let mut best: Option<(usize, ProcessMesh)> = None;
         for mesh in meshes {
             let memory = |points| memory_of_points(case, bounds, warp, &mesh, points);
-            let most = most_points(LARGEST_POINTS, limit, memory);
+            let most = most_points(MOST_POINTS, limit, memory);
             if let Some(points) = most.filter(|n| best.as_ref().is_none_or(|(m, _)| n > m)) {
                 best = Some((points, mesh));
             }

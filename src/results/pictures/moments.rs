@@ -184,7 +184,7 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     let scale = match component {
         Some(a) => {
             let axis = run.axis(run.dimension() + a);
-            axis.lower.abs().max(axis.upper.abs())
+            axis.largest_magnitude()
         }
         None => largest(computed.iter().chain(&exact)),
     };

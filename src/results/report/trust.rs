@@ -255,12 +255,14 @@ fn conservation(ledger: Option<&Ledger>) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::results::accuracy::GridErrorPair;
     use serde_json::json;
 
     fn page(algorithm: f64, grid: f64, lost: f64) -> String {
         let accuracy =
             Accuracy { asked: Some(1e-6), algorithm: Some(algorithm), ..Accuracy::default() };
-        let accuracy = accuracy.with_grid([Some(grid), None], [None; 2]);
+        let measured = GridErrorPair { field: Some(grid), density: None };
+        let accuracy = accuracy.with_grid(measured, GridErrorPair::default());
         let mut ledger = Ledger::default();
         let all = Some(1.0);
         (ledger.mass.absolute, ledger.mass.initial, ledger.mass.end) = (all, all, all);
@@ -305,7 +307,8 @@ mod tests {
         ] {
             let goal = Some(0.3);
             let accuracy = Accuracy { goal, goal_error, goal_estimate, ..Accuracy::default() };
-            let accuracy = accuracy.with_grid([Some(error), None], [None; 2]);
+            let measured = GridErrorPair { field: Some(error), density: None };
+            let accuracy = accuracy.with_grid(measured, GridErrorPair::default());
             let missed = MissedGoals { accuracy: sentence.map(str::to_owned), tolerance: None };
             let found = grid(Some(&accuracy), Some(&missed), None);
             assert_eq!(found.mark, mark, "{}", found.text);
