@@ -463,8 +463,8 @@ impl WarpTable {
         let growth = shift * time;
         file.within(key, growth, -LARGEST_SHIFT..=LARGEST_SHIFT, || {
             format!(
-                "times a duration of {time:e} is {growth:.1}; from -{LARGEST_SHIFT} to {LARGEST_SHIFT} expected, \
-                 as e^{{shift T}} leaves no digits beyond"
+                "times a duration of {time:e} is {growth:.1}; from -{LARGEST_SHIFT} to \
+                 {LARGEST_SHIFT} expected, as e^{{shift T}} leaves no digits beyond"
             )
         })?;
         Ok(Shift::Given(shift))

@@ -68,8 +68,8 @@ pub(super) fn energy_scale(space: &PhaseSpace) -> f64 {
     fastest.fold(0.0, |most: f64, v| most.max(0.5 * v * v))
 }
 
-/// All elements of `axes`, which have degree 0; if there are more than `most`, that many, spread over
-/// the grid.
+/// All elements of `axes`, which have degree 0; if there are more than `most`, that many, spread
+/// over the grid.
 pub(super) fn spread(
     axes: &[Axis],
     most: usize,
