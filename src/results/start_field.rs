@@ -7,10 +7,11 @@ use crate::parallel::files::stored_checksum;
 use crate::problem::case::{Case, GridErrorPair, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
-use crate::results::readback::{StoredCase, number_attribute, text_attribute};
+use crate::results::readback::{
+    StoredCase, number_attribute, refuse_other_than_reals, text_attribute,
+};
 use crate::results::summary;
 use crate::results::untrusted::{self, Inspection};
-use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
 use std::path::Path;
 
@@ -39,9 +40,7 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
         true => "holds measure-valued data, /phi and /psi; /f is expected",
         false => "holds no dataset /f",
     })?;
-    if !matches!(f.dtype().and_then(|kind| kind.to_descriptor()), Ok(TypeDescriptor::Float(_))) {
-        return Err("/f holds other than real numbers, which are expected".to_owned());
-    }
+    refuse_other_than_reals("f", &f)?;
     let time = number_attribute(&file, "time").map_err(|_| "says no time")?;
     if !is_same(time, case.begin, time) {
         return Err(format!("is f at t = {time}, time.start is {}", case.begin));

@@ -141,7 +141,7 @@ fn moments_of_sheet(
     rank_cells: &RankCells,
     time: f64,
 ) -> Result<Option<AtTime>> {
-    if !matches!(case.exact, Some(Exact::Characteristics)) {
+    if !case.traces_exact() {
         return Ok(None);
     }
     let exact = exact_moments(world, &Case { end: time, ..case.clone() }, &rank_cells.share)?;
