@@ -74,6 +74,6 @@ fn failed(world: &World, error: &Error) -> i32 {
 /// the first rank ends with an error.
 fn executed(world: &World, cli: &Cli) -> Result<()> {
     let ended = execute(world, cli);
-    machine::begin(RunPart::Over);
+    machine::begin(RunPart::Outside);
     ended
 }

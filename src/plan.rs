@@ -25,10 +25,10 @@ use crate::base::text::{bytes_text, counted, joined, rounded, short};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
 use crate::parallel::partition::ProcessMesh;
-use crate::plan::balance::Batch;
+use crate::plan::balance::{Batch, share_out};
 use crate::plan::layout::{Layout, Resources, refuse_too_large};
+use crate::plan::memory::PlannedWork;
 use crate::problem::case::{Case, Integrator, Interface, Limiter, Method, Propagation};
-use crate::problem::grid::Axis;
 use crate::propagate;
 use crate::propagate::classical::classical_steps;
 use crate::propagate::descriptor;
@@ -199,8 +199,9 @@ impl Plan {
             Method::Schrodingerized => Some(WarpPlan::new(case, &bounds, ratio)?),
             Method::Classical if bounds.rate * case.duration() > LONGEST_SPAN * LONGEST_SPAN => {
                 return Err(Error::TooLong {
-                    end: case.duration(),
+                    end: case.end,
                     rate: bounds.rate,
+                    quantity: "that rate is",
                     span: bounds.rate * case.duration(),
                     limit: LONGEST_SPAN * LONGEST_SPAN,
                 });
@@ -213,12 +214,13 @@ impl Plan {
             .map(|(leg, &steps)| leg / steps as f64)
             .fold(0.0, f64::max);
         let steps = steps.iter().sum();
-        let layout = Layout::new(case, &bounds, warp.as_ref(), resources)?;
+        let work = PlannedWork { case, bounds: &bounds, warp: warp.as_ref() };
+        let layout = Layout::new(work, resources)?;
         Ok(Self {
             title: case.title.clone(),
             shape: case.space.shape(),
             cells: case.space.cells(),
-            elements: case.space.axes().map(Axis::elements).collect(),
+            elements: case.space.elements(),
             reductions: case.reductions.dropped.clone(),
             time: case.duration(),
             method: case.method,
@@ -251,13 +253,12 @@ impl Plan {
         let coupling = descriptor(self.propagation.method).batch_coupling();
         let groups = self.layout.mesh.groups;
         if warp.points.is_none() {
-            return crate::plan::balance::share_out(&warp.work, finished, coupling, groups)
-                .swap_remove(group);
+            return share_out(&warp.work, finished, coupling, groups).swap_remove(group);
         }
         let mut others = finished.clone();
         let kept = self.layout.modes();
         others.extend((0..groups).filter(|&g| g != group).flat_map(|g| &kept[g]));
-        crate::plan::balance::share_out(&warp.work, &others, coupling, 1).swap_remove(0)
+        share_out(&warp.work, &others, coupling, 1).swap_remove(0)
     }
 
     /// The plan before growth and norms are measured: the layout and an estimate of the work. It
@@ -300,11 +301,16 @@ impl Plan {
         if self.layout.mesh == *mesh {
             return self;
         }
-        let cost = |plan: &Self| plan.layout.cost(case, plan.warp.as_ref());
+        let cost = |plan: &Self| plan.layout.cost(plan.work(case));
         match self.on(case, &resources.on_mesh(mesh)) {
             Ok(there) if cost(&there) <= WORTH_REASSEMBLY * cost(&self) => there,
             _ => self,
         }
+    }
+
+    /// The work of `case`, for which this plan was made.
+    pub fn work<'a>(&'a self, case: &'a Case) -> PlannedWork<'a> {
+        PlannedWork { case, bounds: &self.bounds, warp: self.warp.as_ref() }
     }
 
     /// This plan on other `resources`: the same modes, distributed again.
@@ -312,7 +318,7 @@ impl Plan {
     /// # Errors
     /// [`Error::Ranks`] and [`Error::Memory`].
     pub fn on(&self, case: &Case, resources: &Resources) -> Result<Self> {
-        let layout = Layout::new(case, &self.bounds, self.warp.as_ref(), resources)?;
+        let layout = Layout::new(self.work(case), resources)?;
         Ok(Self { layout, ..self.clone() })
     }
 
@@ -331,7 +337,7 @@ impl Plan {
     ) -> Result<Self> {
         let warp = WarpPlan::of_series(case, &self.bounds, series, readings, tolerance);
         Ok(Self {
-            layout: Layout::new(case, &self.bounds, Some(&warp), resources)?,
+            layout: Layout::new(PlannedWork { warp: Some(&warp), ..self.work(case) }, resources)?,
             warp: Some(warp),
             ..self.clone()
         })
@@ -476,7 +482,7 @@ impl Plan {
             l.imbalance
         )?;
         if l.mesh.blocks() == 1 && l.mesh.groups > 1 && self.warp.is_some() {
-            writeln!(f, "reduced         space is not split: there are modes for all ranks")?;
+            writeln!(f, "                space is not split: there are modes for all ranks")?;
         }
         let idle = l.groups.iter().filter(|g| g.is_empty()).count();
         if idle > 0 && (self.warp.is_some() || idle < l.groups.len()) {

@@ -32,8 +32,8 @@ pub mod warped;
 pub mod writer;
 pub mod xdmf;
 
-use crate::base::disk::{self, refused};
-use crate::base::error::{Error, Result};
+use crate::base::disk::{self, directory_error, refused};
+use crate::base::error::Result;
 use crate::base::lock::{self, DirectoryLock};
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
@@ -49,24 +49,24 @@ pub type FileResult<T> = std::result::Result<T, String>;
 /// systems show it with a delay.
 const LATE: Duration = Duration::from_secs(10);
 
-/// Files of a run besides `summary.json`, grids and warped fields, and whether `case` writes them.
-fn single_files(case: &Case) -> [(String, bool); 3] {
+/// A file that a run may write before `summary.json`.
+pub(crate) struct RunFile {
+    /// Name of the file.
+    pub name: String,
+    /// Whether a run of the case writes it.
+    pub is_written: bool,
+}
+
+/// The files that a run may write before `summary.json`, warped fields only as far as `case` writes
+/// them.
+pub(crate) fn files(case: &Case) -> impl Iterator<Item = RunFile> {
     let readings = case.readout.is_some();
-    [(RESULT, true), (xdmf::NAME, case.storage.xdmf), (readout::files::NAME, readings)]
-        .map(|(name, written)| (name.to_owned(), written))
-}
-
-/// Names of the files that a run may write before `summary.json`.
-pub(crate) fn file_names(case: &Case) -> Vec<String> {
-    let names = single_files(case).into_iter().map(|(name, _)| name);
-    names.chain(grids::names()).chain(warped::names(case)).collect()
-}
-
-/// Names of the files that a run of `case` writes before `summary.json`.
-pub(crate) fn written_names(case: &Case) -> impl Iterator<Item = String> {
-    let written = single_files(case).into_iter().filter(|(_, written)| *written);
-    let names = written.map(|(name, _)| name);
-    names.chain(grids::names_of(case)).chain(warped::names(case))
+    let single =
+        [(RESULT, true), (xdmf::NAME, case.storage.xdmf), (readout::files::NAME, readings)];
+    let single = single.into_iter().map(|(name, is_written)| (name.to_owned(), is_written));
+    let warped = warped::names(case).into_iter().map(|name| (name, true));
+    let all = single.chain(grids::files(case)).chain(warped);
+    all.map(|(name, is_written)| RunFile { name, is_written })
 }
 
 /// The files that `case` reads, with the keys that name them.
@@ -91,8 +91,7 @@ pub fn prepare(world: &Group, directory: &Path, case: &Case) -> Result<Option<Di
     let lock = world.on_first_rank(|| DirectoryLock::take(directory).map(Some))?;
     require_shared(world, directory, lock.as_ref())?;
     world.on_first_rank(|| {
-        clear_way(directory, case)
-            .map_err(|reason| Error::Directory { path: directory.to_owned(), reason })?;
+        clear_way(directory, case).map_err(|reason| directory_error(directory, reason))?;
         result_file::enough_room(directory, case)
     })?;
     Ok(lock)
@@ -107,7 +106,7 @@ fn clear_way(directory: &Path, case: &Case) -> FileResult<()> {
     let resolved = |path: &Path| std::fs::canonicalize(path).ok();
     let given = given_files(case).filter_map(|(key, path)| Some((key, resolved(path)?)));
     let given: Vec<(String, PathBuf)> = given.collect();
-    for name in file_names(case).into_iter().chain([summary::NAME.to_owned()]) {
+    for name in files(case).map(|file| file.name).chain([summary::NAME.to_owned()]) {
         let path = directory.join(&name);
         if path.is_dir() {
             return Err(format!("{name} in it is a directory"));
@@ -137,7 +136,7 @@ fn require_shared(world: &Group, directory: &Path, lock: Option<&DirectoryLock>)
                           the same directory: a shared file system, and the same working \
                           directory or an absolute path (-o)";
             let path = std::path::absolute(directory).unwrap_or_else(|_| directory.to_owned());
-            return world.agree(Err(Error::Directory { path, reason: reason.to_owned() }));
+            return world.agree(Err(directory_error(&path, reason)));
         }
         std::thread::sleep(Duration::from_millis(50));
     }

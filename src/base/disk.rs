@@ -131,6 +131,11 @@ pub(crate) fn open_regular(path: &Path) -> io::Result<File> {
     File::open(path)
 }
 
+/// Whether there is anything at `path`: a file, a directory, a link even if it leads to none.
+pub(crate) fn is_taken(path: &Path) -> bool {
+    std::fs::symlink_metadata(path).is_ok()
+}
+
 /// Refuses what is no regular file, nor a link to one: a directory, a pipe, a device.
 ///
 /// # Errors
@@ -157,10 +162,7 @@ pub fn require_room(
         return Ok(());
     }
     let (what, room) = (what(&bytes_text(needed)), bytes_text(room));
-    Err(Error::Directory {
-        path: directory.to_owned(),
-        reason: format!("{what}, there is room for {room}"),
-    })
+    Err(directory_error(directory, format!("{what}, there is room for {room}")))
 }
 
 pub(crate) fn refused(directory: &Path, why: &io::Error) -> Error {
@@ -174,13 +176,18 @@ pub(crate) fn refused(directory: &Path, why: &io::Error) -> Error {
         }
         _ => why.to_string(),
     };
-    Error::Directory { path: directory.to_owned(), reason }
+    directory_error(directory, reason)
 }
 
 /// The refusal to replace `what` in `directory`, where others' files stay unless the user asks.
 pub(crate) fn not_replaced(directory: &Path, what: &str) -> Error {
     let reason = format!("it holds {what}; --force replaces it, -o gives another directory");
-    Error::Directory { path: directory.to_owned(), reason }
+    directory_error(directory, reason)
+}
+
+/// An [`Error::Directory`] about `directory`.
+pub(crate) fn directory_error(directory: &Path, reason: impl Into<String>) -> Error {
+    Error::Directory { path: directory.to_owned(), reason: reason.into() }
 }
 
 /// An [`Error::Output`] about `path`.

@@ -231,8 +231,8 @@ pub enum Error {
         reason: String,
     },
     /// A batch of modes was interrupted; the run stops.
-    #[error("a batch of modes was left before its end")]
-    Left,
+    #[error("a batch of modes was interrupted")]
+    Interrupted,
     /// The run was stopped before its end on request, and can be resumed.
     #[error(
         "{why}; {} holds {finished} of {modes} modes of stage {stage} of {stages}: the same \
@@ -295,15 +295,17 @@ pub enum Error {
     },
     /// A run too long for any machine.
     #[error(
-        "time.end = {end:e}: with the grid's largest rate {rate:.3e} the spectrum of S spans \
-         {span:.3e} times 1/T, at most {limit:e} is planned; a smaller time.end or wider cells"
+        "time.end = {end:e}: with the grid's largest rate {rate:.3e} {quantity} {span:.3e} times \
+         1/T, at most {limit:e} is planned; a smaller time.end or wider cells"
     )]
     TooLong {
-        /// `T`.
+        /// `time.end`.
         end: f64,
         /// `max |A_ii|`.
         rate: f64,
-        /// `(λ⁻ + λ⁺)T`.
+        /// The limited quantity with its verb: `the spectrum of S spans`.
+        quantity: &'static str,
+        /// The quantity times the duration `T` of the run.
         span: f64,
         /// The largest allowed.
         limit: f64,
@@ -360,8 +362,8 @@ impl Error {
     }
 
     /// Whether this is no failure, but a batch of modes interrupted because the run is to stop.
-    pub fn is_left(&self) -> bool {
-        matches!(self, Error::Left)
+    pub fn is_interruption(&self) -> bool {
+        matches!(self, Error::Interrupted)
     }
 
     /// Whether this is no failure, but a run that was asked to stop.
@@ -393,7 +395,7 @@ impl Error {
             Error::Remote { code, .. } => *code,
             Error::Output { .. }
             | Error::Checkpoint { .. }
-            | Error::Left
+            | Error::Interrupted
             | Error::Weights { .. }
             | Error::Negative { .. }
             | Error::Unitarity { .. }

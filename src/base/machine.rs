@@ -27,10 +27,10 @@ pub enum RunPart {
     Classical,
     /// No run yet, or one that is over: the signal raises [`stop_flag`]. A set-up that follows ends
     /// at once; after a run it is too late for a checkpoint.
-    Over,
+    Outside,
 }
 
-static PART: AtomicU8 = AtomicU8::new(RunPart::Over as u8);
+static PART: AtomicU8 = AtomicU8::new(RunPart::Outside as u8);
 
 static MESSAGES: OnceLock<StopMessages> = OnceLock::new();
 
@@ -207,7 +207,7 @@ fn stop_on(signal: i32) {
         end_set_up();
         let now = start.elapsed().as_millis() as u64 + 1;
         match FIRST.compare_exchange(0, now, Ordering::Relaxed, Ordering::Relaxed) {
-            Ok(_) if PART.load(Ordering::Relaxed) == RunPart::Over as u8 => {}
+            Ok(_) if PART.load(Ordering::Relaxed) == RunPart::Outside as u8 => {}
             Ok(_) => write_message(|messages| messages.modes),
             Err(first) if now.saturating_sub(first) >= ONE_SIGNAL.as_millis() as u64 => {
                 let _ = signal_hook::low_level::emulate_default_handler(signal);

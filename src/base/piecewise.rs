@@ -136,10 +136,15 @@ pub struct FunctionJump {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piecewise {
     pieces: Vec<PolynomialPiece>,
-    jumps: Vec<FunctionJump>,
-    rounded: [f64; ORDERS],
-    last: [f64; ORDERS],
-    variations: [f64; ORDERS + 1],
+    /// Points other than the upper end where the function or its slope jumps; ascending.
+    pub jumps: Vec<FunctionJump>,
+    /// By `k`: `Σ |f^{(k)}(x+) − f^{(k)}(x−)|` over the ends of pieces without a jump, except the
+    /// last.
+    pub rounded: [f64; ORDERS],
+    /// By `k`: `f^{(k)}` at the upper end.
+    pub at_end: [f64; ORDERS],
+    /// By `k ≤ ORDERS`: bound on `∫|f^{(k)}|` over the pieces.
+    pub variations: [f64; ORDERS + 1],
 }
 
 impl Piecewise {
@@ -169,7 +174,7 @@ impl Piecewise {
         let mut found = Self {
             jumps: Vec::new(),
             rounded: [0.0; ORDERS],
-            last: [0.0; ORDERS],
+            at_end: [0.0; ORDERS],
             variations: [0.0; ORDERS + 1],
             pieces: Vec::new(),
         };
@@ -191,7 +196,7 @@ impl Piecewise {
             }
             before = of_upper;
         }
-        found.last = before;
+        found.at_end = before;
         Self { pieces, ..found }
     }
 
@@ -227,26 +232,6 @@ impl Piecewise {
             }
         }
         self.pieces.last().map_or(last, |piece| piece.upper)
-    }
-
-    /// Points other than the upper end where the function or its slope jumps; ascending.
-    pub fn jumps(&self) -> &[FunctionJump] {
-        &self.jumps
-    }
-
-    /// `Σ |f^{(k)}(x+) − f^{(k)}(x−)|` over the ends of pieces without a jump, except the last.
-    pub fn rounded(&self, order: usize) -> f64 {
-        self.rounded[order]
-    }
-
-    /// `f^{(k)}` at the upper end.
-    pub fn at_end(&self, order: usize) -> f64 {
-        self.last[order]
-    }
-
-    /// Bound on `∫|f^{(k)}|` over the pieces, `k ≤ ORDERS`.
-    pub fn variation(&self, order: usize) -> f64 {
-        self.variations[order]
     }
 }
 
@@ -445,7 +430,7 @@ mod tests {
     #[test]
     fn values_and_jumps_are_those_of_the_function() {
         for (f, fit, jumps) in fits() {
-            let found: Vec<f64> = fit.jumps().iter().map(|jump| jump.at).collect();
+            let found: Vec<f64> = fit.jumps.iter().map(|jump| jump.at).collect();
             let inside: Vec<f64> = found.iter().copied().filter(|x| *x > INTERVAL[0]).collect();
             for jump in jumps {
                 let near = inside.iter().any(|x| (x - jump).abs() < 1e-11);
@@ -456,7 +441,7 @@ mod tests {
                 let error = (f(x) - fit.value(x)).abs();
                 assert!(error < 1e-12, "at {x}: {error:e}");
             }
-            assert!((fit.at_end(0) - f(-1e-15)).abs() < 1e-11);
+            assert!((fit.at_end[0] - f(-1e-15)).abs() < 1e-11);
         }
     }
 
@@ -497,11 +482,11 @@ mod tests {
         let fit = Piecewise::fit(&|x: f64| (3.0 * x).exp(), [-12.0, 0.0], 1.0).expect("smooth");
         for k in 0..=ORDERS {
             let variation = 3f64.powi(k as i32 - 1);
-            let bound = fit.variation(k);
+            let bound = fit.variations[k];
             assert!((variation..4.0 * variation).contains(&bound), "{k}: {bound}");
         }
         for k in 0..6 {
-            let (found, expected) = (fit.at_end(k), 3f64.powi(k as i32));
+            let (found, expected) = (fit.at_end[k], 3f64.powi(k as i32));
             assert!((found / expected - 1.0).abs() < 1e-7, "{k}: {found} {expected}");
         }
         let below = fit.first_above(1e-3);

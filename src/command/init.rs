@@ -30,7 +30,7 @@ const STARTER_GRIDS: [StarterGrid; 3] = [
 /// [`Error::Input`] if the file exists and `--force` is not given; [`Error::Output`].
 pub fn execute(world: &World, args: &InitArgs) -> Result<()> {
     world.group().on_first_rank(|| {
-        if !args.force && std::fs::symlink_metadata(&args.file).is_ok() {
+        if !args.force && disk::is_taken(&args.file) {
             let file = args.file.display();
             return Err(Error::Input(format!("{file} exists; --force replaces it")));
         }

@@ -102,7 +102,7 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
         Error::Input(format!("--continue {}: {what}", directory.display()))
     };
     let stored = untrusted::open(directory)?;
-    if store::is_begun(&store::folder(directory)) {
+    if store::is_begun(directory) {
         return Err(wrong(&"a run there is not finished; --resume finishes it"));
     }
     stored.summary.as_ref().map_err(|e| wrong(e))?;

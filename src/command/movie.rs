@@ -27,8 +27,8 @@ pub fn execute(world: &World, args: &MovieArgs) -> Result<()> {
 fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
     let run = open(&args.places.directory)?;
     let times = times(args, &run)?;
-    let cuts: Result<Vec<Cut>> = args.slices.iter().map(|text| Cut::parse(&run, text)).collect();
-    let mut cuts = cuts?;
+    let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
+    let mut cuts = cuts.collect::<Result<Vec<_>>>()?;
     if cuts.is_empty() {
         cuts.push(Cut::usual(&run, &times));
     }

@@ -115,7 +115,7 @@ fn refuse_among_other_results(of_run: &Path, directory: &Path) -> Result<()> {
         "it holds the {RESULT} of another run; --force writes there anyway, -o gives another \
          directory"
     );
-    Err(Error::Directory { path: results.to_owned(), reason })
+    Err(disk::directory_error(results, reason))
 }
 
 /// Draws a run; the first rank reads and writes. Collective.

@@ -79,7 +79,7 @@ pub fn refuse(world: &World, args: &PlanArgs, case: &Case) -> Result<()> {
         return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
     }
     world.group().on_first_rank(|| {
-        if !args.force && std::fs::symlink_metadata(file).is_ok() {
+        if !args.force && disk::is_taken(file) {
             let what = "exists; --force replaces it";
             return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
         }

@@ -147,7 +147,7 @@ struct PotentialScan<'a> {
 impl<'a> PotentialScan<'a> {
     /// Evaluates `V` some layers at a time, so that the whole potential is never stored.
     fn new(case: &'a Case) -> Result<Self> {
-        let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
+        let mut ranges = case.space.space_ranges();
         let layer: usize = ranges[1..].iter().map(Range::len).product();
         let first = &case.space.x[0];
         let layers = (CELLS_AT_ONCE / layer.max(1)).max(1).next_multiple_of(first.nodes.count());

@@ -290,7 +290,7 @@ mod tests {
     }
 
     fn projection(space: &PhaseSpace, f: impl Fn(f64, f64) -> f64) -> Vec<f64> {
-        let ranges: Vec<_> = space.x.iter().map(|x| 0..x.cells).collect();
+        let ranges = space.space_ranges();
         let mut values = vec![0.0; space.cells()];
         let projection = Projection::new(space, 6, 1.0);
         for_each_element(space, &ranges, |element| {

@@ -2,8 +2,9 @@
 
 use crate::base::text::{bytes_text, counted, joined};
 use crate::plan::Plan;
-use crate::plan::layout::{LARGEST_POINTS, Layout, Resources};
+use crate::plan::layout::{BlockRows, Layout, Resources};
 use crate::problem::case::Case;
+use crate::problem::limits::MOST_POINTS;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
 use std::fmt;
@@ -51,7 +52,8 @@ pub struct MeshCandidate {
     pub imbalance: f64,
     /// Part of the modelled time that splitting space adds: ghost exchange, and more iterations of
     /// a solver.
-    pub split: f64,
+    #[serde(rename = "split")]
+    pub exchange: f64,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
     /// Whether the planned bytes fit into the memory of a rank.
@@ -96,19 +98,17 @@ impl Advice {
         here: u64,
     ) -> Self {
         let limit = resources.memory_per_rank;
-        let (warp, ranks) = (plan.warp.as_ref(), plan.layout.mesh.ranks());
+        let (work, ranks) = (plan.work(case), plan.layout.mesh.ranks());
         let nodes = node.map(|node| node.count(ranks));
         let full = node.map(|node| node.filled(ranks, plan.memory()));
         let memory = limit.unwrap_or(here);
         let known = Resources { memory_per_rank: Some(memory), ..resources.clone() };
-        let largest =
-            warp.and_then(|warp| Layout::largest_points(case, &plan.bounds, warp, &known));
         let (largest_points, largest_points_mesh) =
-            largest.map(|(n, mesh)| (n, mesh.space)).unzip();
+            Layout::largest_points(work, &known).map(|(n, mesh)| (n, mesh.space)).unzip();
         let cells_of_fields = (case.space.cells() * case.fields.len()) as f64;
         Self {
             meshes: mesh_candidates(case, plan, resources),
-            row_applications: plan.layout.cost(case, warp) * cells_of_fields,
+            row_applications: plan.layout.cost(work) * cells_of_fields,
             node,
             nodes,
             memory_per_node: full,
@@ -116,28 +116,28 @@ impl Advice {
             largest_points_mesh,
             largest_points_memory: memory,
             memory_given: limit.is_some(),
-            takes_points: warp.is_some_and(WarpPlan::takes_points),
+            takes_points: work.warp.is_some_and(WarpPlan::takes_points),
         }
     }
 }
 
 /// The meshes of the ranks of `plan`: that of the run first, then the cheapest that fits.
 fn mesh_candidates(case: &Case, plan: &Plan, resources: &Resources) -> Vec<MeshCandidate> {
-    let (warp, limit) = (plan.warp.as_ref(), resources.memory_per_rank);
+    let (work, limit) = (plan.work(case), resources.memory_per_rank);
     let candidate = |layout: Layout| {
-        let (rows, split) = layout.rows(case, warp);
+        let BlockRows { own, exchange } = layout.rows(work);
         let memory = layout.memory();
         MeshCandidate {
-            cost: layout.cost(case, warp),
+            cost: layout.cost(work),
             imbalance: layout.imbalance,
-            split: split / (rows + split),
+            exchange: exchange / (own + exchange),
             memory,
             fits: limit.is_none_or(|limit| memory <= limit),
             groups: layout.mesh.groups,
             space: layout.mesh.space,
         }
     };
-    let layouts = Layout::every(case, &plan.bounds, warp, plan.layout.mesh.ranks());
+    let layouts = Layout::every(work, plan.layout.mesh.ranks());
     let mut meshes: Vec<MeshCandidate> = layouts.map(candidate).collect();
     // A mesh cheaper than that of the run is chosen only if it saves enough.
     let chosen =
@@ -173,7 +173,7 @@ impl fmt::Display for Advice {
                 "largest N_p     {points}{} with all modes kept, --mode full --ranks-x {}, in {} a \
                 rank{}. A run that drops its modes, --mode streamed, takes any N_p.{}",
                 match points {
-                    LARGEST_POINTS => " (the program's own limit)".to_owned(),
+                    MOST_POINTS => " (the program's own limit)".to_owned(),
                     _ if power < points => format!(" (2^{} = {power})", points.ilog2()),
                     _ => String::new(),
                 },
@@ -199,7 +199,7 @@ impl fmt::Display for Advice {
                 joined(&mesh.space, ","),
                 mesh.cost,
                 mesh.imbalance,
-                100.0 * mesh.split,
+                100.0 * mesh.exchange,
                 bytes_text(mesh.memory),
                 if mesh.fits { "" } else { ", more than it may take" }
             )?;
@@ -212,6 +212,7 @@ impl fmt::Display for Advice {
 mod tests {
     use super::*;
     use crate::plan::layout::Resources;
+    use crate::plan::memory::PlannedWork;
 
     #[test]
     fn the_largest_number_of_points_just_fits() {
@@ -242,7 +243,8 @@ mod tests {
                 let space = advice.largest_points_mesh.clone();
                 assert!(plan(points, space).1.memory() <= limit);
                 let more = points + 32 * ranks;
-                let meshes = Layout::every(&case, &first.bounds, None, ranks);
+                let work = PlannedWork { warp: None, ..first.work(&case) };
+                let meshes = Layout::every(work, ranks);
                 for space in meshes.map(|layout| layout.mesh.space) {
                     assert!(plan(more, Some(space)).1.memory() > limit, "{points}");
                 }

@@ -4,22 +4,17 @@
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::memory::NamedBytes;
 use crate::base::text::{bytes_text, counted};
-use crate::matrix::bounds::Bounds;
 use crate::matrix::lanes::Lanes;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance;
 use crate::plan::balance::Batch;
-use crate::plan::memory::{arrays, memory_of_points};
-use crate::problem::case::{Case, Exact, Method};
+use crate::plan::memory::{PlannedWork, arrays, memory_of_points};
+use crate::problem::case::{Case, Method};
 use crate::problem::grid::PhaseSpace;
-use crate::problem::limits::MOST_MODES;
+use crate::problem::limits::MOST_POINTS;
 use crate::propagate::descriptor;
-use crate::schrodingerization::warp_plan::WarpPlan;
 use serde::Serialize;
 use std::collections::BTreeSet;
-
-/// The most points `N_p` that are planned for.
-pub(crate) const LARGEST_POINTS: usize = 2 * MOST_MODES - 2;
 
 // Costs of an exchange in rows of a step, measured within a node (docs/performance.md): 4 µs a
 // round and 40 ns a ghost, against 7 to 20 ns a row.
@@ -43,6 +38,15 @@ pub struct Layout {
     pub imbalance: f64,
     /// Names of arrays with their bytes on the fullest rank.
     pub arrays: Vec<NamedBytes>,
+}
+
+/// The work of a block of space in a step, in rows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BlockRows {
+    /// Rows of the block.
+    pub own: f64,
+    /// The cost that splitting space adds.
+    pub exchange: f64,
 }
 
 /// The ranks and the memory that a layout may use.
@@ -71,7 +75,7 @@ impl Resources {
 pub fn refuse_too_large(case: &Case, resources: &Resources) -> Result<()> {
     let (ranks, limit) = (resources.ranks, resources.memory_per_rank.unwrap_or(u64::MAX));
     // The tracer keeps V and distances for all of space on every rank.
-    let tracer = if matches!(case.exact, Some(Exact::Characteristics)) { 80.0 } else { 0.0 };
+    let tracer = if case.traces_exact() { 80.0 } else { 0.0 };
     // A lower bound for any layout. By modes: two batch vectors, a state and the sums of a reading.
     // Classical: four real vectors and the field.
     let bytes_per_cell = match case.method {
@@ -96,35 +100,23 @@ pub fn refuse_too_large(case: &Case, resources: &Resources) -> Result<()> {
 }
 
 impl Layout {
-    pub(crate) fn new(
-        case: &Case,
-        bounds: &Bounds,
-        warp: Option<&WarpPlan>,
-        resources: &Resources,
-    ) -> Result<Self> {
+    pub(crate) fn new(work: PlannedWork<'_>, resources: &Resources) -> Result<Self> {
+        let grid = &work.case.space;
         let layout = match &resources.ranks_x {
-            Some(space) => {
-                let mesh = mesh_of(&case.space, space, resources.ranks)?;
-                Self::of_mesh(case, bounds, warp, mesh)
-            }
-            None => Self::cheapest(case, bounds, warp, resources)?,
+            Some(space) => Self::of_mesh(work, mesh_of(grid, space, resources.ranks)?),
+            None => Self::cheapest(work, resources)?,
         };
-        layout.within(case, bounds, warp, resources)?.require_column_numbers(&case.space)
+        layout.within(work, resources)?.require_column_numbers(grid)
     }
 
     /// The layout on the cheapest mesh that fits, or else on that of least memory.
-    fn cheapest(
-        case: &Case,
-        bounds: &Bounds,
-        warp: Option<&WarpPlan>,
-        resources: &Resources,
-    ) -> Result<Self> {
+    fn cheapest(work: PlannedWork<'_>, resources: &Resources) -> Result<Self> {
         let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
         let mut best: Option<(bool, f64, Self)> = None;
         // Fewest blocks come first; more must be faster by a factor.
-        for layout in Self::every(case, bounds, warp, resources.ranks) {
+        for layout in Self::every(work, resources.ranks) {
             let fits = layout.memory() <= limit;
-            let cost = if fits { layout.cost(case, warp) } else { layout.memory() as f64 };
+            let cost = if fits { layout.cost(work) } else { layout.memory() as f64 };
             let worth = if fits { WORTH_A_SPLIT } else { 1.0 };
             let better = best.as_ref().is_none_or(|(other, least, _)| {
                 (fits && !other) || (fits == *other && worth * cost < *least)
@@ -154,45 +146,42 @@ impl Layout {
 
     /// The layouts of all splits of `ranks` into blocks × groups, fewest blocks first.
     pub(crate) fn every(
-        case: &Case,
-        bounds: &Bounds,
-        warp: Option<&WarpPlan>,
+        work: PlannedWork<'_>,
         ranks: usize,
-    ) -> impl Iterator<Item = Self> {
-        meshes(&case.space, ranks).map(move |mesh| Self::of_mesh(case, bounds, warp, mesh))
+    ) -> impl Iterator<Item = Self> + use<'_> {
+        meshes(&work.case.space, ranks).map(move |mesh| Self::of_mesh(work, mesh))
     }
 
-    fn of_mesh(case: &Case, bounds: &Bounds, warp: Option<&WarpPlan>, mesh: ProcessMesh) -> Self {
-        let work = warp.map_or(&[][..], |w| &w.work);
-        let coupling = descriptor(case.propagator.method).batch_coupling();
-        let groups = balance::share_out(work, &BTreeSet::new(), coupling, mesh.groups);
+    fn of_mesh(work: PlannedWork<'_>, mesh: ProcessMesh) -> Self {
+        let modes = work.warp.map_or(&[][..], |warp| &warp.work);
+        let coupling = descriptor(work.case.propagator.method).batch_coupling();
+        let groups = balance::share_out(modes, &BTreeSet::new(), coupling, mesh.groups);
         let costs = groups.iter().map(|group| balance::cost(group));
         let (most, sum) = (costs.clone().max().unwrap_or(0), costs.sum::<usize>());
         let imbalance = if sum == 0 { 1.0 } else { most as f64 * mesh.groups as f64 / sum as f64 };
         let kept = |group: &Vec<Batch>| group.iter().map(|b| b.modes.len()).sum::<usize>();
         let most = groups.iter().map(kept).max().unwrap_or(0);
-        let arrays = arrays(case, bounds, warp, &mesh, most);
+        let arrays = arrays(work, &mesh, most);
         Self { mesh, groups, imbalance, arrays }
     }
 
     /// The most points `N_p` with which a run on `resources` can keep all modes, and its mesh. None
-    /// if no memory is given, or not even two points fit. The result does not depend on `N_p` of
-    /// `warp`.
+    /// if there are no modes, no memory is given, or not even two points fit. The result does not
+    /// depend on `N_p` of `work`.
     pub(crate) fn largest_points(
-        case: &Case,
-        bounds: &Bounds,
-        warp: &WarpPlan,
+        work: PlannedWork<'_>,
         resources: &Resources,
     ) -> Option<(usize, ProcessMesh)> {
-        let limit = resources.memory_per_rank?;
+        let limit = resources.memory_per_rank.filter(|_| work.warp.is_some())?;
+        let grid = &work.case.space;
         let meshes = match &resources.ranks_x {
-            Some(space) => vec![mesh_of(&case.space, space, resources.ranks).ok()?],
-            None => meshes(&case.space, resources.ranks).collect(),
+            Some(space) => vec![mesh_of(grid, space, resources.ranks).ok()?],
+            None => meshes(grid, resources.ranks).collect(),
         };
         let mut best: Option<(usize, ProcessMesh)> = None;
         for mesh in meshes {
-            let memory = |points| memory_of_points(case, bounds, warp, &mesh, points);
-            let most = most_points(LARGEST_POINTS, limit, memory);
+            let memory = |points| memory_of_points(work, &mesh, points);
+            let most = most_points(MOST_POINTS, limit, memory);
             if let Some(points) = most.filter(|n| best.as_ref().is_none_or(|(m, _)| n > m)) {
                 best = Some((points, mesh));
             }
@@ -211,27 +200,27 @@ impl Layout {
     }
 
     /// Modelled time of the slowest group, in applications of a mode on the whole grid.
-    pub(crate) fn cost(&self, case: &Case, warp: Option<&WarpPlan>) -> f64 {
+    pub(crate) fn cost(&self, work: PlannedWork<'_>) -> f64 {
         let costs = self.groups.iter().map(|group| balance::cost(group));
-        let group = match warp {
+        let group = match work.warp {
             Some(_) => costs.max().unwrap_or(0) as f64,
             None => 1.0,
         };
-        let (rows, split) = self.rows(case, warp);
-        group * (rows + split) / case.space.cells() as f64
+        let BlockRows { own, exchange } = self.rows(work);
+        group * (own + exchange) / work.case.space.cells() as f64
     }
 
-    /// Rows of the fullest block, and the cost that splitting space adds, in rows.
-    pub(crate) fn rows(&self, case: &Case, warp: Option<&WarpPlan>) -> (f64, f64) {
+    /// The work of the fullest block in a step.
+    pub(crate) fn rows(&self, PlannedWork { case, warp, .. }: PlannedWork<'_>) -> BlockRows {
         let fullest = self.mesh.fullest_block(&case.space);
-        let rows = fullest.cells as f64;
+        let own = fullest.cells as f64;
         if self.mesh.blocks() == 1 {
-            return (rows, 0.0);
+            return BlockRows { own, exchange: 0.0 };
         }
         let splitting =
             warp.map_or(1.0, |_| descriptor(case.propagator.method).cost_of_splitting());
-        let exchange = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts as f64;
-        (rows, splitting * (rows + exchange) - rows)
+        let messages = ROWS_A_ROUND + ROWS_A_GHOST * fullest.ghosts as f64;
+        BlockRows { own, exchange: splitting * (own + messages) - own }
     }
 
     /// Planned bytes on the fullest rank.
@@ -239,18 +228,12 @@ impl Layout {
         self.arrays.iter().map(|a| a.bytes).sum()
     }
 
-    /// Refuses a plan, made for `case`, `bounds` and `warp`, that does not fit into the memory of
-    /// `resources`, if that is known.
+    /// Refuses a layout of `work` that does not fit into the memory of `resources`, if that is
+    /// known.
     ///
     /// # Errors
     /// [`Error::Memory`].
-    pub fn within(
-        self,
-        case: &Case,
-        bounds: &Bounds,
-        warp: Option<&WarpPlan>,
-        resources: &Resources,
-    ) -> Result<Self> {
+    pub fn within(self, work: PlannedWork<'_>, resources: &Resources) -> Result<Self> {
         let limit = resources.memory_per_rank.unwrap_or(u64::MAX);
         if self.memory() <= limit {
             return Ok(self);
@@ -261,8 +244,8 @@ impl Layout {
             needed: bytes_text(self.memory()),
             available: bytes_text(limit),
             detail: format!("{name}: {}", bytes_text(bytes)),
-            remedies: match warp.filter(|warp| warp.points.is_some()) {
-                Some(warp) => fewer_points(case, bounds, warp, resources),
+            remedies: match work.warp.filter(|warp| warp.points.is_some()) {
+                Some(warp) => fewer_points(work, warp.takes_points(), resources),
                 None => LESS_MEMORY.to_owned(),
             },
         })
@@ -277,13 +260,14 @@ fn meshes(grid: &PhaseSpace, ranks: usize) -> impl Iterator<Item = ProcessMesh> 
     })
 }
 
-/// Suggestions that reduce the memory of a run that stores its modes and does not fit.
-fn fewer_points(case: &Case, bounds: &Bounds, warp: &WarpPlan, resources: &Resources) -> String {
-    let most = match Layout::largest_points(case, bounds, warp, resources) {
+/// Suggestions that reduce the memory of a run that stores its modes and does not fit. `given` is
+/// whether `solver.warp.points` can be given.
+fn fewer_points(work: PlannedWork<'_>, given: bool, resources: &Resources) -> String {
+    let most = match Layout::largest_points(work, resources) {
         Some((points, _)) => format!("at most {points} fit"),
         None => "no number of them fits".to_owned(),
     };
-    let fewer = match (&case.start, warp.takes_points()) {
+    let fewer = match (&work.case.start, given) {
         (Some(_), _) => format!("a file of initial.warped with fewer points ({most})"),
         (None, true) => {
             format!("dropping the modes (--mode streamed), fewer solver.warp.points ({most})")
@@ -380,16 +364,16 @@ mod tests {
         for modes in [13, 17, 19, 28, 43, 47, 60, 77] {
             let mut warp = planned.clone();
             warp.work.truncate(modes);
+            let work = PlannedWork { case: &case, bounds: &plan.bounds, warp: Some(&warp) };
             let layout = |ranks: usize| {
                 let resources = Resources { ranks, ..Resources::default() };
-                let layout = Layout::new(&case, &plan.bounds, Some(&warp), &resources);
-                layout.expect("a layout")
+                Layout::new(work, &resources).expect("a layout")
             };
-            let alone = layout(1).cost(&case, Some(&warp));
+            let alone = layout(1).cost(work);
             // By the model: whole batches or blocks of space, whichever is faster.
             for (ranks, least) in [(2, 0.84), (3, 0.75), (4, 0.71)] {
                 let found = layout(ranks);
-                let efficiency = alone / found.cost(&case, Some(&warp)) / ranks as f64;
+                let efficiency = alone / found.cost(work) / ranks as f64;
                 let at = format!("{modes} modes, {:?}: {efficiency}", found.mesh);
                 assert!((least..=1.0).contains(&efficiency), "{at}");
                 let even = modes < 28 || ranks == 3 || found.imbalance <= 1.18;

@@ -7,7 +7,7 @@ use crate::matrix::inflow::{AuxiliaryRow, VaryingInflow};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
-use crate::problem::case::{Case, Data, Embedding, Exact, Integrator, Limiter, Method};
+use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter, Method};
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::descriptor;
@@ -62,23 +62,28 @@ pub fn rank_modes_bytes(rows: u64, modes: u64) -> u64 {
     modes * (rows * size_of::<Complex64>() as u64 + RANK_MODE_BYTES)
 }
 
+/// A case, and the part of its plan that is the same for any ranks.
+#[derive(Clone, Copy, Debug)]
+pub struct PlannedWork<'a> {
+    /// The case.
+    pub case: &'a Case,
+    /// Bounds on its generator.
+    pub bounds: &'a Bounds,
+    /// The modes; `None` for the classical method.
+    pub warp: Option<&'a WarpPlan>,
+}
+
 /// Planned bytes on the fullest rank of `mesh` for a run that keeps all modes, with `points` points
 /// in `p`.
-pub(crate) fn memory_of_points(
-    case: &Case,
-    bounds: &Bounds,
-    warp: &WarpPlan,
-    mesh: &ProcessMesh,
-    points: usize,
-) -> u64 {
+pub(crate) fn memory_of_points(work: PlannedWork<'_>, mesh: &ProcessMesh, points: usize) -> u64 {
     let modes = points / 2 + 1;
-    let piece = match descriptor(case.propagator.method).batch_coupling() {
+    let piece = match descriptor(work.case.propagator.method).batch_coupling() {
         BatchCoupling::Independent | BatchCoupling::Coupled => LANES,
         BatchCoupling::Sequential => 1,
     };
     let most = modes.min(piece * modes.div_ceil(piece).div_ceil(mesh.groups));
-    let warp = WarpPlan { points: Some(points), modes, ..warp.clone() };
-    let list = arrays(case, bounds, Some(&warp), mesh, most);
+    let warp = work.warp.map(|warp| WarpPlan { points: Some(points), modes, ..warp.clone() });
+    let list = arrays(PlannedWork { warp: warp.as_ref(), ..work }, mesh, most);
     list.iter().map(|a| a.bytes).sum()
 }
 
@@ -102,21 +107,16 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
 /// of five lists: while the matrix is assembled, while particles of the exact flow are traced,
 /// during the solve, while the error of the grid is estimated, and while results are expanded to
 /// the user's grid.
-pub(crate) fn arrays(
-    case: &Case,
-    bounds: &Bounds,
-    warp: Option<&WarpPlan>,
-    mesh: &ProcessMesh,
-    most: usize,
-) -> Vec<NamedBytes> {
-    let rank = FullestRank::new(case, bounds, mesh);
+pub(crate) fn arrays(work: PlannedWork<'_>, mesh: &ProcessMesh, most: usize) -> Vec<NamedBytes> {
+    let PlannedWork { case, warp, .. } = work;
+    let rank = FullestRank::new(work, mesh);
     let solving = match warp {
         Some(warp) => rank.modes(warp, most),
         None => rank.classical(),
     };
     let results = rank.results(warp);
     let mut expanding: Vec<NamedBytes> = results.iter().cloned().chain(rank.expanded()).collect();
-    if case.space.whole_degree() > 0 && matches!(case.exact, Some(Exact::Characteristics)) {
+    if case.space.whole_degree() > 0 && case.traces_exact() {
         // Their errors are integrals, for which the exact solution is traced once more.
         expanding.push(rank.traced());
     }
@@ -149,7 +149,7 @@ struct FullestRank<'a> {
 }
 
 impl<'a> FullestRank<'a> {
-    fn new(case: &'a Case, bounds: &'a Bounds, mesh: &'a ProcessMesh) -> Self {
+    fn new(PlannedWork { case, bounds, .. }: PlannedWork<'a>, mesh: &'a ProcessMesh) -> Self {
         let BlockSize { points, cells, ghosts, .. } = mesh.fullest_block(&case.space);
         let [points, cells, ghosts] = [points, cells, ghosts].map(|n| n as u64);
         // Before the matrix is assembled: all rows that may have inflow.
@@ -323,9 +323,22 @@ impl<'a> FullestRank<'a> {
         // They are freed before kept modes are written, but the allocator keeps a part of them
         // beside the buffers for that: about half, as was measured.
         list.push(NamedBytes::new("recovery sums", sums - sums.min(buffers) / 2));
+        list.extend(self.between_legs(warp, &share));
+        list.extend(self.at_start(self.share()));
+        // For each earlier field; the last field stores one number in place of the two integers of
+        // a sum.
+        let before = (readings + steps) * (self.fields() - 1);
+        list.push(NamedBytes::new("recovered fields", 8 * (before + 1) * self.share()));
+        list.push(NamedBytes::new("ghost exchange", 2 * 128 * self.ghosts));
+        list
+    }
+
+    /// Arrays of a run by modes that takes its time in legs.
+    fn between_legs(&self, warp: &WarpPlan, share: &MatrixShare<'_>) -> Vec<NamedBytes> {
+        let mut list = Vec::new();
         // The state of a batch at its start or between two legs.
         let between = size_of::<Lanes>() as u64 * self.rows();
-        if case.start.is_some() && warp.legs.len() == 1 {
+        if self.case.start.is_some() && warp.legs.len() == 1 {
             list.push(NamedBytes::new("start of a batch", between));
         }
         if warp.legs.len() > 1 {
@@ -334,21 +347,15 @@ impl<'a> FullestRank<'a> {
         let passed = warp.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
         if passed > 0 {
             let largest = warp.largest_work() as u64;
-            let bytes = IntermediateMoments::bytes(&share, self.points, passed as u64, largest);
+            let bytes = IntermediateMoments::bytes(share, self.points, passed as u64, largest);
             list.push(NamedBytes::new("moments on the way", bytes));
         }
-        if !case.times.is_empty() {
+        if !self.case.times.is_empty() {
             let early = self.early_sums(warp.points.is_some())
                 + self.early(self.fields() - 1)
-                + TIME_BYTES * case.times.len() as u64;
+                + TIME_BYTES * self.case.times.len() as u64;
             list.push(NamedBytes::new("output times", early));
         }
-        list.extend(self.at_start(self.share()));
-        // For each earlier field; the last field stores one number in place of the two integers of
-        // a sum.
-        let before = (readings + steps) * (self.fields() - 1);
-        list.push(NamedBytes::new("recovered fields", 8 * (before + 1) * self.share()));
-        list.push(NamedBytes::new("ghost exchange", 2 * 128 * self.ghosts));
         list
     }
 

@@ -9,6 +9,8 @@
 //! 4. `Case::validate` refuses settings that contradict each other; those that studies vary are in
 //!    `conflict`.
 //!
+//! Functions of these modules fail with [`Error::Case`]: file, line, key, value and limit.
+//!
 //! A key of the case file is a field of its section's table, with its default in the table's
 //! `Default` and its check in the table's `check`: `constants`, `axes`, `data`, `solver`, `warp`,
 //! `output`, `readout`. Limits are in [`limits`](crate::problem::limits).
@@ -30,8 +32,8 @@ pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
 pub use crate::problem::case::data::{
-    Data, Exact, ExactTimes, Inflow, LiouvilleField, MOST_FIELDS, Region, ResultOrigin, StartField,
-    TIME, TableFile, TableOf, WarpedStart,
+    Data, Exact, ExactTimes, GridErrorPair, Inflow, LiouvilleField, MOST_FIELDS, Region,
+    ResultOrigin, StartField, TIME, TableFile, TableOf, WarpedStart,
 };
 pub use crate::problem::case::keys::ValueKind;
 pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
@@ -99,7 +101,7 @@ pub fn keys() -> ValueKind {
 /// The values of a case file with its `--set` options, as JSON. They are not checked.
 ///
 /// # Errors
-/// [`Error::Input`] if the text is not TOML, or an override is not a `key=value` that fits it.
+/// [`Error::Case`] if the text is not TOML, or an override is not a `key=value` that fits it.
 pub fn values(name: &str, text: &str, overrides: &[String]) -> Result<Value> {
     Ok(CaseFile::parse(name, text, overrides)?.json())
 }
@@ -217,20 +219,13 @@ impl Case {
     /// Reads a case from the text of a file called `name`, with `--set` overrides applied.
     ///
     /// # Errors
-    /// [`Error::Input`] with file, line, key, value and limit.
+    /// [`Error::Case`] with file, line, key, value and limit.
     pub fn parse(name: &str, text: &str, overrides: &[String]) -> Result<Self> {
         let mut file = CaseFile::parse(name, text, overrides)?;
         file.constants = constants::evaluate(&file)?;
         let tables: CaseTables = file.read()?;
         let mut case = Self::new(&file, tables)?;
         case.validate(&file)?;
-        name.clone_into(&mut case.name);
-        if case.title.is_empty() {
-            let file = Path::new(name).file_name().unwrap_or(name.as_ref());
-            case.title = file.to_string_lossy().into_owned();
-        }
-        text.clone_into(&mut case.text);
-        case.overrides = overrides.to_vec();
         Ok(case)
     }
 
@@ -262,8 +257,8 @@ impl Case {
         let times = output.times(file, begin..end, start.is_none())?;
         let readout = tables.readout.map(|table| table.check(file, &space));
         Ok(Self {
-            name: String::new(),
-            title: tables.title,
+            name: file.name.to_owned(),
+            title: if tables.title.is_empty() { file.last_name() } else { tables.title },
             reference: tables.reference,
             constants: file.constants.clone(),
             potential,
@@ -276,8 +271,8 @@ impl Case {
             tables: files,
             begin,
             end,
-            interface: tables.scheme.interface(degree > 0 || reflects || flux < 1.0),
-            names_interface: tables.scheme.names_interface(),
+            interface: tables.scheme.law(degree > 0 || reflects || flux < 1.0),
+            names_interface: tables.scheme.interface.is_some(),
             flux,
             ends: tables.scheme.ends,
             limiter: tables.scheme.limiter,
@@ -306,8 +301,8 @@ impl Case {
             storage: output.storage(file, &space)?,
             checkpoint_every: tables.checkpoint.check(file)?,
             readout: readout.transpose()?,
-            text: String::new(),
-            overrides: Vec::new(),
+            text: file.text.to_owned(),
+            overrides: file.overrides.to_vec(),
             settings: file.settings(),
             space,
         })
@@ -445,6 +440,11 @@ impl Case {
             field.inflow = Inflow::Formula(field.entering().vanishing());
         }
         case
+    }
+
+    /// Whether the exact solution is found by tracing particles.
+    pub fn traces_exact(&self) -> bool {
+        matches!(self.exact, Some(Exact::Characteristics))
     }
 
     /// The times before the end at which results are written.

@@ -31,13 +31,14 @@ pub mod sheet;
 mod traced_grid;
 
 use crate::base::error::Result;
+use crate::base::row_major::number;
 use crate::problem::case::{Case, Inflow};
 use crate::problem::exact::by_axes::{
     AxisLine, AxisPaths, EndByAxes, LineParticle, REST, moves_by_axes,
 };
 pub use crate::problem::exact::traced_grid::{MOST_EXAMINED, MostCells, traced_cells};
 use crate::problem::exact::traced_grid::{TracedGrid, free_layers, traced_grid};
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;
 
 /// Times closer than this fraction of the traced time are equal up to round-off. A face reached so
@@ -84,13 +85,11 @@ impl TracedPath {
     }
 }
 
-/// An end of the phase-space box.
+/// The exit of a particle from the phase-space box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoxExit {
-    /// The axis, of the `2n`: space first.
-    pub axis: usize,
-    /// Whether the end is the upper one.
-    pub upper: bool,
+    /// The end through which it left.
+    pub end: AxisEnd,
     /// Whether a jump of `V` gave the particle a velocity outside of the box. Otherwise a slope
     /// did, or the particle moved out of the box in space.
     pub at_jump: bool,
@@ -258,7 +257,7 @@ impl<'a> Tracer<'a> {
         let potential = Potential::whole(&Case { space: space.clone(), ..case.clone() })?;
         let rate = |a: usize| {
             let (x, v) = (space.x[a].width(), &space.v[a]);
-            let fastest = v.lower.abs().max(v.upper.abs());
+            let fastest = v.largest_magnitude();
             // A particle that returns to a face without resting on it takes at least the time
             // √(8 · REST · Δx / slope).
             fastest / x + (potential.steepest(a) / (8.0 * REST * x)).sqrt()
@@ -532,7 +531,7 @@ impl<'a> Tracer<'a> {
         let v = &self.space.v[a];
         let velocity = self.direction * particle.w[a];
         let upper = (velocity - v.lower).abs() > (v.upper - velocity).abs();
-        BoxExit { axis: self.space.dimension() + a, upper, at_jump }
+        BoxExit { end: AxisEnd { axis: self.space.dimension() + a, upper }, at_jump }
     }
 
     fn speed_is_inside(&self, particle: &TracedParticle, a: usize) -> bool {
@@ -558,8 +557,8 @@ impl<'a> Tracer<'a> {
     /// The block that the particle crosses in one step.
     fn block(&self, particle: &TracedParticle) -> FreeBlock<'_> {
         let axes = &self.space.x;
-        let flat = |k: usize, (axis, i): (&Axis, &usize)| k * axis.cells + i;
-        let free = self.free[axes.iter().zip(&particle.cell).fold(0, flat)] as usize;
+        let cells = axes.iter().map(|axis| axis.cells);
+        let free = self.free[number(cells, particle.cell)] as usize;
         let mut block = FreeBlock {
             first: [0; MAX_DIMENSION],
             last: [0; MAX_DIMENSION],
@@ -634,7 +633,7 @@ impl<'a> Tracer<'a> {
         let outward = f64::from(step);
         let beyond = i as i64 + i64::from(step);
         let Some(there) = self.space.wrap(a, beyond) else {
-            return Some(BoxExit { axis: a, upper, at_jump: false });
+            return Some(BoxExit { end: AxisEnd { axis: a, upper }, at_jump: false });
         };
         let rise = self.rise(particle, a, upper, there);
         let reach_before = self.reach(particle, a, outward);
@@ -685,12 +684,14 @@ impl<'a> Tracer<'a> {
         let mut rise = self.rise_at_centre(cell, a, upper);
         let mut is_jump = rise != 0.0;
         for b in (0..self.space.dimension()).filter(|&b| b != a && before[b] != behind[b]) {
-            let axis = &self.space.x[b];
-            rise -= (behind[b] - before[b]) * (particle.x[b] - axis.centre(cell[b] as i64));
-            is_jump |= [cell[b].wrapping_sub(1), cell[b] + 1].iter().any(|&j| {
+            let own = cell[b] as i64;
+            rise -= (behind[b] - before[b]) * (particle.x[b] - self.space.x[b].centre(own));
+            let mut neighbours =
+                [own - 1, own + 1].into_iter().filter_map(|j| self.space.wrap(b, j));
+            is_jump |= neighbours.any(|j| {
                 let mut beside = *cell;
                 beside[b] = j;
-                j < axis.cells && self.rise_at_centre(&beside, a, upper) != 0.0
+                self.rise_at_centre(&beside, a, upper) != 0.0
             });
         }
         if is_jump { rise } else { 0.0 }

@@ -53,7 +53,7 @@ impl ExportOwner {
     /// # Errors
     /// [`crate::base::error::Error::Directory`].
     pub fn refuse_to_replace(&self, directory: &Path, names: &[String]) -> Result<()> {
-        let there = |name: &str| std::fs::symlink_metadata(directory.join(name)).is_ok();
+        let there = |name: &str| disk::is_taken(&directory.join(name));
         let what = if there(DESCRIPTION) {
             match Self::read(directory) {
                 None => format!("a {DESCRIPTION} that no export wrote"),

@@ -26,7 +26,8 @@ mod tree;
 pub use crate::problem::formula::parser::{Constants, is_reserved, is_word, words};
 
 use crate::base::error::Error;
-use crate::problem::formula::tree::{COORDINATES, FormulaNode, LANES, TIMES};
+use crate::problem::formula::tree::{FormulaNode, LANES, TIMES};
+use crate::problem::limits::COORDINATES;
 use crate::problem::table::Table;
 use std::sync::Arc;
 

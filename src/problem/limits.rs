@@ -9,6 +9,12 @@ pub const MOST_CHUNKS: usize = 1 << 14;
 /// Largest number of modes `l ≥ 0` of a run.
 pub const MOST_MODES: usize = 1 << 22;
 
+/// Largest number `N_p` of points in `p`.
+pub const MOST_POINTS: usize = 2 * MOST_MODES - 2;
+
+/// Number of coordinates `[x, y, z, vx, vy, vz, t]` that a formula may use.
+pub const COORDINATES: usize = 7;
+
 /// Largest `r` of the smooth profile: `solver.warp.order`.
 pub const MOST_ORDER: usize = 16;
 
@@ -26,7 +32,7 @@ pub const LARGEST_EXTENSION: f64 = 1e6;
 
 /// The least and the largest `c` of the profile of Low and Somma. For a larger one, the profile is
 /// below round-off where it is read.
-pub const CS: [f64; 2] = [0.05, 16.0];
+pub const LOW_SOMMA_POINTS: [f64; 2] = [0.05, 16.0];
 
 /// The least and the largest `σ` of the Gaussian profile.
 pub const SIGMAS: [f64; 2] = [0.05, 20.0];
@@ -45,8 +51,12 @@ pub const LARGEST_NUMBER: f64 = 1e100;
 /// Largest `solver.tolerance`.
 pub const LARGEST_TOLERANCE: f64 = 0.1;
 
-/// Largest `|p|` that is given: beyond it `e^p` overflows or vanishes.
-pub const LARGEST_P: f64 = 300.0;
+/// Largest `|p|` at which a field is read, for `solver.warp.recovery` and `output.plateau`. Beyond
+/// it `e^p` overflows or vanishes.
+pub const LARGEST_RECOVERY: f64 = 300.0;
+
+/// Largest `|p|` of an end of `solver.warp.interval`.
+pub const LARGEST_INTERVAL_END: f64 = 1e9;
 
 /// Largest `|σT|` of a spectral shift.
 pub const LARGEST_SHIFT: f64 = 25.0;

@@ -84,7 +84,7 @@ impl PotentialValues<'_> {
     /// The piece of the element around `centre`.
     fn piece(&mut self, centre: &[f64; 6]) -> PotentialPiece {
         piece(&self.case.potential, centre).unwrap_or_else(|condition| {
-            let place = describe_space_point(self.case.space.dimension(), centre);
+            let place = describe_point(self.case.space.dimension(), &centre[..MAX_DIMENSION]);
             self.failure.get_or_insert_with(|| condition.undefined(f64::NAN, place));
             PotentialPiece { region: 0, constant: None }
         })
@@ -95,7 +95,7 @@ impl PotentialValues<'_> {
         let formula = &self.case.potential[piece.region].value;
         let value = piece.constant.unwrap_or_else(|| formula.eval(point));
         if !value.is_finite() {
-            let place = describe_space_point(self.case.space.dimension(), point);
+            let place = describe_point(self.case.space.dimension(), &point[..MAX_DIMENSION]);
             self.failure.get_or_insert_with(|| formula.undefined(value, place));
         }
         value
@@ -357,9 +357,4 @@ pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
         values.push(constant.unwrap_or_else(|| formula.eval(&space_point(axes, i))));
     });
     values
-}
-
-fn describe_space_point(n: usize, point: &[f64; 6]) -> String {
-    let text = describe_point(n, point);
-    text.split(", ").take(n).collect::<Vec<_>>().join(", ")
 }

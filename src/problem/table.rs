@@ -3,13 +3,13 @@
 
 use crate::base::checksum;
 use crate::base::row_major::indices;
+use crate::base::text::joined;
+use crate::problem::limits::COORDINATES;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// Largest number of values of a table: 128 MiB, which every rank holds.
 pub const MOST_VALUES: usize = 1 << 24;
-/// Number of coordinates of a formula.
-const MOST_AXES: usize = 7;
 /// A position half-way between two points, to within this part of their distance, belongs to the
 /// upper point, so that round-off does not matter.
 const HALF_WAY: f64 = 1e-9;
@@ -144,7 +144,7 @@ impl Table {
     fn multilinear(&self, coordinates: &[f64]) -> f64 {
         // Index of the lower corner; for each axis its stride and the position between two points.
         let (mut lower, mut stride) = (0, 1);
-        let mut steps = [(0, 0.0); MOST_AXES];
+        let mut steps = [(0, 0.0); COORDINATES];
         for (axis, step) in self.axes.iter().zip(&mut steps).rev() {
             let x = coordinates[axis.position];
             if x.is_nan() {
@@ -215,8 +215,8 @@ impl Table {
 
     /// The numbers of points along the axes: `64 x 32`.
     pub fn shape_text(&self) -> String {
-        let counts = self.axes.iter().map(|axis| axis.points.len().to_string());
-        counts.collect::<Vec<_>>().join(" x ")
+        let counts: Vec<usize> = self.axes.iter().map(|axis| axis.points.len()).collect();
+        joined(&counts, " x ")
     }
 }
 

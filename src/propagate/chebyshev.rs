@@ -195,7 +195,7 @@ impl Chebyshev {
     /// with the `couplings` of a stage, if the inflow varies. Collective over the space group.
     ///
     /// # Errors
-    /// [`Error::Left`].
+    /// [`Error::Interrupted`].
     pub(crate) fn series<R: StartRow>(
         &mut self,
         system: &mut Evolution<'_>,
@@ -233,7 +233,7 @@ impl Chebyshev {
             self.blocking.passed(levels, began.elapsed().as_secs_f64());
             left -= levels;
             if system.interruption.after(levels) {
-                return Err(Error::Left);
+                return Err(Error::Interrupted);
             }
         }
         Ok(())
@@ -243,7 +243,7 @@ impl Chebyshev {
     /// summed forwards, with its terms read into `passed`. Collective over the space group.
     ///
     /// # Errors
-    /// [`Error::Left`].
+    /// [`Error::Interrupted`].
     fn forwards<R: StartRow>(
         &mut self,
         system: &mut Evolution<'_>,
@@ -290,7 +290,7 @@ impl Chebyshev {
             );
             blocking.passed(to - done, began.elapsed().as_secs_f64());
             if system.interruption.after(to - done) {
-                return Err(Error::Left);
+                return Err(Error::Interrupted);
             }
             done = to;
         }

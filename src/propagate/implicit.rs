@@ -121,7 +121,7 @@ impl Propagator for Implicit {
                 report.applications += found.applications;
                 report.solves += 1;
                 if system.interruption.after(found.applications.max(1)) {
-                    return Err(Error::Left);
+                    return Err(Error::Interrupted);
                 }
             }
             set_lane(&mut self.state, l, &self.mode[..rows]);

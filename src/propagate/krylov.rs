@@ -438,7 +438,7 @@ impl Propagator for Krylov {
             }
             self.combine(&coefficients[..m]);
             if system.interruption.after(m) {
-                return Err(Error::Left);
+                return Err(Error::Interrupted);
             }
         }
         Ok(report)

@@ -44,7 +44,7 @@ pub trait Propagator {
     ///
     /// # Errors
     /// If the method does not converge, on all ranks of the space group;
-    /// [`Error::Left`](crate::base::error::Error::Left) if the batch is interrupted.
+    /// [`Error::Interrupted`](crate::base::error::Error::Interrupted) if the batch is interrupted.
     fn propagate(
         &mut self,
         system: &mut Evolution<'_>,

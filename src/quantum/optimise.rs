@@ -26,7 +26,7 @@ use crate::problem::case::{
     Alpha, Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, EndFlux, Interface, Limiter,
     Method, ProfileChoice,
 };
-use crate::problem::limits::{ALPHAS, BETAS, CS, MOST_ORDER, SIGMAS};
+use crate::problem::limits::{ALPHAS, BETAS, LOW_SOMMA_POINTS, MOST_ORDER, SIGMAS};
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
 use crate::quantum::optimise::grid::PricedGrid;
 use crate::quantum::optimise::pricing::choice;
@@ -121,7 +121,7 @@ impl ProfileFamily {
                 ratios(SIGMAS, 48),
                 false,
             ),
-            family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(CS, 48), false),
+            family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(LOW_SOMMA_POINTS, 48), false),
             family(|beta| ProfileChoice::Acl { beta }, ratios(BETAS, 8), true),
             family(exponential, ratios(ALPHAS, 12), true),
             Self {

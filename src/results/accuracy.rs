@@ -3,20 +3,12 @@
 use crate::base::text::{
     ALGORITHM_ERROR, GRID_ERROR, one_digit, percent, quoted, rounded_down, short,
 };
+pub use crate::problem::case::GridErrorPair;
 use crate::problem::case::{Case, Exact, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::problem::grid::PhaseSpace;
 use crate::problem::potential::oblique::oblique_edges;
 use serde::{Deserialize, Serialize};
-
-/// Relative errors of the grid; `None` where they are not known.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct GridErrorPair {
-    /// Of `f`, in L2.
-    pub field: Option<f64>,
-    /// Of the density, in L2; in L1 if particles showed it.
-    pub density: Option<f64>,
-}
 
 /// Relative errors of the grid that particles of the exact flow show; `None` where they do not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -138,11 +130,12 @@ impl Accuracy {
     /// estimated. Where particles of small scatter show that of `f`, it takes the place of the
     /// estimate. A large error that they show beyond their scatter, or the inherited one, takes the
     /// place of a smaller estimate.
-    pub fn with_grid(self, measured: [Option<f64>; 2], estimated: [Option<f64>; 2]) -> Self {
+    pub fn with_grid(self, measured: GridErrorPair, estimated: GridErrorPair) -> Self {
+        let [measured, estimated] = [measured, estimated].map(GridErrorPair::both);
         let grid_measured = measured.iter().any(Option::is_some);
         let shown = [self.particles.field, self.particles.density];
         let mean = [self.particles.field_mean, None];
-        let inherited = [self.inherited.field, self.inherited.density];
+        let inherited = self.inherited.both();
         let found = [0, 1].map(|k| {
             let all = [
                 (measured[k], ErrorSource::Measured),

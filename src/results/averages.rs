@@ -9,7 +9,7 @@ use crate::matrix::elements::{AxisMatrix, apply_in_elements};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::results::dataset::Results;
-use crate::results::writer::{Hdf5Result, Writer};
+use crate::results::writer::Writer;
 use std::ops::Range;
 
 /// Names of the axes of elements, in space and in velocity.
@@ -32,7 +32,7 @@ pub fn numbers(space: &PhaseSpace) -> usize {
 }
 
 /// Writes the axes of the elements.
-pub fn axes(writer: &Writer<'_>, case: &Case) -> Hdf5Result<()> {
+pub fn axes(writer: &Writer<'_>, case: &Case) -> hdf5::Result<()> {
     if case.space.degree() == 0 {
         return Ok(());
     }

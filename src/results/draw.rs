@@ -23,6 +23,7 @@ pub mod ticks;
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
+use crate::results::FileResult;
 use crate::results::draw::panel::{ABOVE, BELOW, BOLD, PanelFrame};
 use crate::results::draw::png_file::png_file;
 use crate::results::draw::shape::{Area, Drawn, PIXELS, PixelPoint, pixels};
@@ -66,7 +67,7 @@ impl Figure {
 }
 
 /// The document.
-fn svg(figure: &Figure) -> std::result::Result<String, String> {
+fn svg(figure: &Figure) -> FileResult<String> {
     let sheet = Sheet::new(figure);
     let mut text = String::new();
     let [width, height] = sheet.pixels();
@@ -79,7 +80,7 @@ fn svg(figure: &Figure) -> std::result::Result<String, String> {
 }
 
 /// The figure as a PNG file.
-fn png_bytes(figure: &Figure) -> std::result::Result<Vec<u8>, String> {
+fn png_bytes(figure: &Figure) -> FileResult<Vec<u8>> {
     let sheet = Sheet::new(figure);
     let [width, height] = sheet.pixels();
     let mut pixels = vec![0; 3 * width as usize * height as usize];

@@ -10,10 +10,7 @@ use crate::quantum::readout;
 use crate::results::dataset::RESULT;
 use crate::results::readback::{StoredCase, text_attribute};
 use crate::results::untrusted::{self, Inspection};
-use crate::results::writer::Hdf5Result;
-use crate::results::{
-    file_checksums, file_names, given_files, pictures, report, summary, warped, written_names,
-};
+use crate::results::{file_checksums, files, given_files, pictures, report, summary, warped};
 use crate::solve::checkpoint::store;
 use hdf5::File;
 use std::path::Path;
@@ -38,8 +35,9 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
     }
     // Only files that the run would write; others may be in the directory.
     let listed = file_checksums::check(world, directory)?;
-    match written_names(case).find(|name| !listed.contains_key(name)) {
-        Some(name) => Err(file_checksums::not_listed(directory, &name)),
+    let mut written = files(case).filter(|file| file.is_written);
+    match written.find(|file| !listed.contains_key(&file.name)) {
+        Some(file) => Err(file_checksums::not_listed(directory, &file.name)),
         None => Ok(true),
     }
 }
@@ -50,9 +48,9 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
 /// # Errors
 /// [`Error::Output`] if `result.h5` is damaged.
 fn looks_finished(directory: &Path, case: &Case) -> Result<bool> {
-    let there = |name: &str| std::fs::symlink_metadata(directory.join(name)).is_ok();
+    let there = |name: &str| disk::is_taken(&directory.join(name));
     let ended = there(summary::NAME) && no_file(directory, case).is_none();
-    if !ended || is_begun(directory) || !is_later_than_given(directory, case) {
+    if !ended || store::is_begun(directory) || !is_later_than_given(directory, case) {
         return Ok(false);
     }
     match StoredResult::new(directory, case) {
@@ -68,11 +66,6 @@ fn is_later_than_given(directory: &Path, case: &Case) -> bool {
     given_files(case).all(|(_, path)| modified(path).is_some_and(|start| start < result))
 }
 
-/// Whether there is a checkpoint to continue from.
-fn is_begun(directory: &Path) -> bool {
-    store::is_begun(&store::folder(directory))
-}
-
 /// The time at which a file was written; `None` if there is no such file.
 fn modified(path: &Path) -> Option<SystemTime> {
     let found = std::fs::metadata(path).ok().filter(|found| found.is_file());
@@ -84,9 +77,10 @@ fn modified(path: &Path) -> Option<SystemTime> {
 fn no_file(directory: &Path, case: &Case) -> Option<String> {
     let is_other = |name: &String| {
         let path = directory.join(name);
-        std::fs::symlink_metadata(&path).is_ok() && disk::require_file(&path).is_err()
+        disk::is_taken(&path) && disk::require_file(&path).is_err()
     };
-    file_names(case).into_iter().chain([summary::NAME.to_owned()]).find(is_other)
+    let mut names = files(case).map(|file| file.name).chain([summary::NAME.to_owned()]);
+    names.find(is_other)
 }
 
 /// What the file `result.h5` in a directory is to a case.
@@ -129,7 +123,7 @@ fn is_of(directory: &Path, case: &Case) -> bool {
 ///
 /// # Errors
 /// If it cannot be read, is not this program's, or if its case is not as it was written.
-fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
+fn difference(directory: &Path, case: &Case) -> hdf5::Result<Option<String>> {
     let path = directory.join(RESULT);
     untrusted::inspect(&path, Inspection::Description).map_err(hdf5::Error::from)?;
     let file = File::open(path)?;
@@ -155,13 +149,13 @@ fn difference(directory: &Path, case: &Case) -> Hdf5Result<Option<String>> {
 pub fn refuse_to_replace(world: &Group, directory: &Path, case: &Case, resume: bool) -> Result<()> {
     world.on_first_rank(|| match obstacle(directory, case, resume) {
         None => Ok(()),
-        Some(reason) => Err(Error::Directory { path: directory.to_owned(), reason }),
+        Some(reason) => Err(disk::directory_error(directory, reason)),
     })
 }
 
 /// The reason why a run of `case` may not write into `directory`, with a remedy; `None` if it may.
 fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
-    let there = |name: &str| std::fs::symlink_metadata(directory.join(name)).is_ok();
+    let there = |name: &str| disk::is_taken(&directory.join(name));
     let instead = "--force replaces it, -o gives another directory";
     if let Some(name) = no_file(directory, case) {
         return Some(match directory.join(&name).is_dir() {
@@ -171,7 +165,8 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     }
     if there(RESULT) {
         let found = StoredResult::new(directory, case);
-        let goes_on = resume && !matches!(found, StoredResult::Foreign) && is_begun(directory);
+        let goes_on =
+            resume && !matches!(found, StoredResult::Foreign) && store::is_begun(directory);
         return match found {
             _ if goes_on => None,
             StoredResult::Same | StoredResult::Damaged { of_this_case: true, .. } if resume => None,
@@ -203,7 +198,8 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     let is_left = |name: &str| {
         warped.iter().any(|warped| warped == name) && is_of_this_program(&directory.join(name))
     };
-    let mut names = [summary::NAME.to_owned()].into_iter().chain(file_names(case));
+    let others = files(case).map(|file| file.name);
+    let mut names = [summary::NAME.to_owned()].into_iter().chain(others);
     let name = names.find(|name| there(name) && !is_left(name))?;
     Some(format!("it holds {name}, which belongs to no result.h5 there; {instead}"))
 }
@@ -221,7 +217,7 @@ fn is_of_this_program(path: &Path) -> bool {
 /// # Errors
 /// [`Error::Output`].
 pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
-    let is_replaced = std::fs::symlink_metadata(directory.join(RESULT)).is_ok();
+    let is_replaced = disk::is_taken(&directory.join(RESULT));
     warped::remove_older(directory, case, |path| is_replaced || is_of_this_program(path))?;
     if !is_replaced {
         return Ok(());

@@ -15,12 +15,11 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
-use crate::base::row_major::DatasetBox;
+use crate::base::row_major::{DatasetBox, number};
 use crate::parallel::files::selection;
 use crate::problem::case::Case;
 use crate::results::dataset::RESULT;
-use crate::results::views::{Grid, Step, View};
-use crate::results::writer::Hdf5Result;
+use crate::results::views::{Grid, GridsAtTime, View};
 use crate::results::xdmf::{attribute, item};
 use hdf5::filters::deflate_available;
 use hdf5::{File, Group, H5Type};
@@ -40,18 +39,16 @@ const PIECE: usize = 1 << 14;
 const TIMES_AT_ONCE: usize = 32;
 
 /// Names of all files that any run may write here.
-pub(crate) fn names() -> impl Iterator<Item = String> {
+fn names() -> impl Iterator<Item = String> {
     std::iter::once(HEAVY.to_owned()).chain(GRIDS.iter().map(|grid| format!("{grid}.xdmf")))
 }
 
-/// Names of the files that a run of `case` writes here.
-pub(crate) fn names_of(case: &Case) -> impl Iterator<Item = String> {
-    let space = case.space.dimension();
-    let written = move |name: &String| {
-        let plane = GRIDS.iter().position(|grid| name.strip_suffix(".xdmf") == Some(grid));
-        plane.is_none_or(|k| k < space || GRIDS[k] == "space")
-    };
-    names().filter(move |name| case.storage.xdmf && written(name))
+/// Names of all files that any run may write here, and whether a run of `case` writes them.
+pub(crate) fn files(case: &Case) -> impl Iterator<Item = (String, bool)> + use<> {
+    let (dimension, xdmf) = (case.space.dimension(), case.storage.xdmf);
+    let planes = (0..GRIDS.len()).map(move |k| k < dimension || GRIDS[k] == "space");
+    let written = std::iter::once(true).chain(planes);
+    names().zip(written).map(move |(name, written)| (name, xdmf && written))
 }
 
 /// Upper bound on the bytes of points, cells and virtual datasets.
@@ -76,7 +73,7 @@ pub(crate) fn most_bytes(case: &Case) -> usize {
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
-pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
+pub fn write(directory: &Path, steps: &[GridsAtTime]) -> Result<()> {
     for name in names() {
         let path = directory.join(name);
         disk::clear(&path).map_err(|e| failure(&path, &e))?;
@@ -96,8 +93,8 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
 }
 
 /// The times of a grid, with its datasets at each time.
-fn times<'a>(steps: &'a [Step], name: &str) -> Vec<(f64, &'a Grid)> {
-    let shown = |step: &'a Step| {
+fn times<'a>(steps: &'a [GridsAtTime], name: &str) -> Vec<(f64, &'a Grid)> {
+    let shown = |step: &'a GridsAtTime| {
         let grid = step.grids.iter().find(|grid| grid.name == name)?;
         Some((step.time, grid))
     };
@@ -105,7 +102,7 @@ fn times<'a>(steps: &'a [Step], name: &str) -> Vec<(f64, &'a Grid)> {
 }
 
 /// Writes points, cells and values into the file `path`.
-fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Hdf5Result<()> {
+fn heavy(path: &Path, result: &Path, steps: &[GridsAtTime]) -> hdf5::Result<()> {
     let result = File::open(result)?;
     File::create(path)?.close()?;
     for name in GRIDS {
@@ -132,7 +129,7 @@ fn heavy(path: &Path, result: &Path, steps: &[Step]) -> Hdf5Result<()> {
 }
 
 /// Lets `write` add to the file `path`.
-fn with_file(path: &Path, write: impl FnOnce(&File) -> Hdf5Result<()>) -> Hdf5Result<()> {
+fn with_file(path: &Path, write: impl FnOnce(&File) -> hdf5::Result<()>) -> hdf5::Result<()> {
     let file = File::open_rw(path)?;
     write(&file)?;
     file.close()
@@ -195,10 +192,9 @@ impl Grid {
             k /= n;
         }
         for upper in &AROUND[..self.corners()] {
-            let axes = self.lengths().iter().enumerate().rev();
-            let number =
-                axes.fold(0, |number, (axis, n)| number * (n + 1) + lowest[axis] + upper[axis]);
-            corners.push(number as i64);
+            let axes = || (0..self.dimension).rev();
+            let places = axes().map(|axis| lowest[axis] + upper[axis]);
+            corners.push(number(axes().map(|axis| self.cells[axis] + 1), places) as i64);
         }
     }
 }
@@ -210,7 +206,7 @@ fn table<T: H5Type>(
     name: &str,
     [rows, width]: [usize; 2],
     fill: impl Fn(usize, &mut Vec<T>),
-) -> Hdf5Result<()> {
+) -> hdf5::Result<()> {
     let mut builder = group.new_dataset::<T>().chunk([rows.min(PIECE), width]);
     if deflate_available() {
         builder = builder.shuffle().deflate(1);
@@ -228,7 +224,7 @@ fn table<T: H5Type>(
 }
 
 /// Writes a view as a virtual dataset: a list over the cells.
-fn values(group: &Group, result: &File, view: &View, cells: usize) -> Hdf5Result<()> {
+fn values(group: &Group, result: &File, view: &View, cells: usize) -> hdf5::Result<()> {
     let there = result.dataset(&view.dataset)?.shape();
     let mut from = DatasetBox::whole(&there);
     if let Some(slice) = &view.time_slice {

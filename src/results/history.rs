@@ -17,7 +17,7 @@ use crate::matrix::observables::Totals;
 use crate::problem::case::Case;
 use crate::results::dataset::{EarlyResult, Results};
 use crate::results::fields::{self, DatasetLayout, Field};
-use crate::results::writer::{Hdf5Result, Writer};
+use crate::results::writer::Writer;
 
 /// Name of the axis of output times.
 pub const TIME: &str = "time";
@@ -30,7 +30,7 @@ pub fn with_fields<'a>(results: &'a Results<'_>) -> impl Iterator<Item = &'a Ear
 }
 
 /// Writes the axes of times, if there are any.
-pub fn axes(writer: &Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
+pub fn axes(writer: &Writer<'_>, results: &Results<'_>) -> hdf5::Result<()> {
     if results.early.is_empty() {
         return Ok(());
     }

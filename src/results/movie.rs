@@ -2,6 +2,7 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
+use crate::results::FileResult;
 use crate::results::draw::raster::{Palette, Raster};
 use crate::results::pictures::film::Film;
 use gif::{DisposalMethod, Encoder, Frame, Repeat};
@@ -138,7 +139,7 @@ impl Video {
     ///
     /// # Errors
     /// A sentence that says why it cannot be started.
-    fn start(path: &Path, size: [usize; 2], fps: u16) -> std::result::Result<Self, String> {
+    fn start(path: &Path, size: [usize; 2], fps: u16) -> FileResult<Self> {
         let partial = disk::partial(path);
         disk::clear(&partial).map_err(|e| e.to_string())?;
         let mut command = Command::new("ffmpeg");
@@ -180,7 +181,7 @@ impl Video {
     ///
     /// # Errors
     /// The messages of `ffmpeg`.
-    fn finish(mut self) -> std::result::Result<(), String> {
+    fn finish(mut self) -> FileResult<()> {
         drop(self.child.stdin.take());
         let ended = self.child.wait().map_err(|e| format!("ffmpeg: {e}"))?;
         let errors_of_ffmpeg = self.errors_of_ffmpeg.join().unwrap_or_default();

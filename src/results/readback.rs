@@ -8,7 +8,6 @@ use crate::base::row_major::DatasetBox;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{SharedFile, read_slab, stored_checksum};
 use crate::problem::table::check_size;
-use crate::results::writer::Hdf5Result;
 use hdf5::filters::Filter;
 use hdf5::plist::dataset_create::Layout;
 use hdf5::sync::sync;
@@ -87,14 +86,10 @@ impl FileShare {
     pub const WHOLE: Self = Self { rank: 0, ranks: 1 };
 }
 
-fn error(what: String) -> hdf5::Error {
-    hdf5::Error::from(what)
-}
-
 /// The datasets of a file by their names. Links other than hard ones, and more objects or groups
 /// than a run writes, are errors. A dataset with several names is listed once, by the name that is
 /// found last.
-pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Dataset>> {
+pub(crate) fn datasets(file: &hdf5::Group) -> hdf5::Result<BTreeMap<String, Dataset>> {
     let (mut found, mut objects) = (BTreeMap::<String, (LocationToken, Dataset)>::new(), 0);
     let mut left = vec![(file.group("/")?, String::new(), 0)];
     while let Some((group, path, depth)) = left.pop() {
@@ -102,10 +97,10 @@ pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Datase
         group.iter_visit_default(|name, link| {
             objects += 1;
             if objects > MOST_OBJECTS {
-                return Err(error(format!("holds more than {MOST_OBJECTS} objects")));
+                return Err(format!("holds more than {MOST_OBJECTS} objects").into());
             }
             if link.link_type != LinkType::Hard {
-                return Err(error(format!("{path}/{name} leads elsewhere, which no run writes")));
+                return Err(format!("{path}/{name} leads elsewhere, which no run writes").into());
             }
             names.push(name.to_owned());
             Ok(())
@@ -116,14 +111,14 @@ pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Datase
             match info.loc_type {
                 LocationType::Group if depth == DEEPEST => {
                     let what = format!("holds more than {DEEPEST} groups in each other");
-                    return Err(error(what));
+                    return Err(what.into());
                 }
                 LocationType::Group => left.push((group.group(&name)?, place, depth + 1)),
                 LocationType::Dataset => {
                     found.retain(|_, (token, _)| *token != info.token);
                     found.insert(place, (info.token, group.dataset(&name)?));
                 }
-                _ => return Err(error(format!("{place} is no dataset"))),
+                _ => return Err(format!("{place} is no dataset").into()),
             }
         }
     }
@@ -132,14 +127,14 @@ pub(crate) fn datasets(file: &hdf5::Group) -> Hdf5Result<BTreeMap<String, Datase
 
 /// Checks that a dataset can be read: its values are in this file, and as many as its shape says.
 /// Returns the bytes of a chunk, or 0 without chunks.
-pub(crate) fn check_readable(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u64> {
+pub(crate) fn check_readable(dataset: &Dataset, file_bytes: u64) -> hdf5::Result<u64> {
     let list = dataset.dcpl()?;
     if !list.external().is_empty() || list.layout() == Layout::Virtual {
-        return Err(error("its values are in another file".to_owned()));
+        return Err("its values are in another file".into());
     }
     let filters = list.filters();
     if let Some(other) = filters.iter().find(|f| matches!(f, Filter::User(..))) {
-        return Err(error(format!("is stored by a filter that is not known ({other:?})")));
+        return Err(format!("is stored by a filter that is not known ({other:?})").into());
     }
     let size = dataset.dtype()?.size();
     let bytes = |lengths: &[usize]| {
@@ -150,13 +145,14 @@ pub(crate) fn check_readable(dataset: &Dataset, file_bytes: u64) -> Hdf5Result<u
     let (all, there) = (bytes(&shape), dataset.storage_size());
     let most = if filters.is_empty() { there } else { there.saturating_mul(MOST_DEFLATED) };
     if all > most || there > file_bytes.saturating_add(size as u64) {
-        return Err(error(format!(
+        return Err(format!(
             "its shape is {shape:?}, and {there} bytes of it are there, in a file of {file_bytes}"
-        )));
+        )
+        .into());
     }
     let chunk = dataset.chunk().map_or(0, |chunk| bytes(&chunk));
     if chunk > LARGEST_CHUNK.max(all) {
-        return Err(error(format!("its chunks of {chunk} bytes are larger than it is")));
+        return Err(format!("its chunks of {chunk} bytes are larger than it is").into());
     }
     Ok(chunk)
 }
@@ -185,13 +181,13 @@ pub(crate) fn numbers(name: &str, dataset: &Dataset) -> std::result::Result<Vec<
 pub(crate) fn sums_of(
     share: FileShare,
     all: BTreeMap<String, Dataset>,
-    mut visit: impl FnMut(&str, &[f64]) -> Hdf5Result<()>,
-) -> Hdf5Result<ChecksumParts> {
+    mut visit: impl FnMut(&str, &[f64]) -> hdf5::Result<()>,
+) -> hdf5::Result<ChecksumParts> {
     let sum = |(name, dataset): (String, Dataset)| {
-        let expected = stored_checksum(&dataset)
-            .map_err(|_| error(format!("dataset {name} carries no checksum")))?;
+        let expected =
+            stored_checksum(&dataset).map_err(|_| format!("dataset {name} carries no checksum"))?;
         let mine = sum_of(share, &dataset, |values| visit(&name, values))
-            .map_err(|e| error(format!("dataset {name} {e}")))?;
+            .map_err(|e| format!("dataset {name} {e}"))?;
         Ok((name, [mine, expected]))
     };
     all.into_iter().map(sum).collect()
@@ -201,9 +197,9 @@ pub(crate) fn sums_of(
 pub(crate) fn sum_of(
     FileShare { rank, ranks }: FileShare,
     dataset: &Dataset,
-    mut visit: impl FnMut(&[f64]) -> Hdf5Result<()>,
-) -> Hdf5Result<u64> {
-    let unread = |e: hdf5::Error| error(format!("cannot be read: {e}"));
+    mut visit: impl FnMut(&[f64]) -> hdf5::Result<()>,
+) -> hdf5::Result<u64> {
+    let unread = |e: hdf5::Error| hdf5::Error::from(format!("cannot be read: {e}"));
     let written = dataset.dtype().and_then(|written| written.to_descriptor());
     if let TypeDescriptor::FixedUnicode(length) = written.map_err(unread)? {
         return match rank {
@@ -219,7 +215,7 @@ pub(crate) fn sum_of(
             continue;
         }
         let values = read_slab(dataset, &slab).map_err(unread)?;
-        visit(&values).map_err(|e| error(format!("is not as it was written: {e}")))?;
+        visit(&values).map_err(|e| format!("is not as it was written: {e}"))?;
         sum = sum.wrapping_add(checksum::of_slab(&shape, &slab, &values));
     }
     Ok(sum)
@@ -233,7 +229,7 @@ pub(crate) struct StoredCase {
 
 impl StoredCase {
     /// The case in `file`.
-    pub fn read(file: &File) -> Hdf5Result<Self> {
+    pub fn read(file: &File) -> hdf5::Result<Self> {
         let dataset = file.dataset("case")?;
         let overrides = text_attribute(&dataset, "overrides")?;
         let overrides = overrides.lines().map(str::to_owned).collect();
@@ -241,50 +237,50 @@ impl StoredCase {
     }
 
     /// The case in `file`, without options where the file has none that can be read.
-    pub fn read_leniently(file: &File) -> Hdf5Result<Self> {
+    pub fn read_leniently(file: &File) -> hdf5::Result<Self> {
         Self::read(file).or_else(|_| Ok(Self { dataset: file.dataset("case")?, overrides: vec![] }))
     }
 
     /// Checks that the case file has the checksum that is stored with it.
-    pub fn check(&self) -> Hdf5Result<()> {
+    pub fn check(&self) -> hdf5::Result<()> {
         let expected = stored_checksum(&self.dataset)?;
         match sum_of(FileShare::WHOLE, &self.dataset, |_| Ok(()))? == expected {
             true => Ok(()),
-            false => Err(error(differs("/case"))),
+            false => Err(differs("/case").into()),
         }
     }
 
     /// The case file.
-    pub fn text(&self) -> Hdf5Result<String> {
+    pub fn text(&self) -> hdf5::Result<String> {
         read_text(&self.dataset)
     }
 }
 
 /// An attribute that [`crate::results::writer::text`] made.
-pub(crate) fn text_attribute(at: &Location, name: &str) -> Hdf5Result<String> {
+pub(crate) fn text_attribute(at: &Location, name: &str) -> hdf5::Result<String> {
     let text: VarLenUnicode = at.attr(name)?.read_scalar()?;
     utf8(text.as_bytes().to_vec())
 }
 
 /// An attribute that is a number.
-pub(crate) fn number_attribute(at: &Location, name: &str) -> Hdf5Result<f64> {
+pub(crate) fn number_attribute(at: &Location, name: &str) -> hdf5::Result<f64> {
     at.attr(name)?.read_scalar()
 }
 
 /// A text of a file, which the HDF5 crate takes for UTF-8 unchecked.
-fn utf8(bytes: Vec<u8>) -> Hdf5Result<String> {
+fn utf8(bytes: Vec<u8>) -> hdf5::Result<String> {
     String::from_utf8(bytes).map_err(|e| hdf5::Error::from(e.to_string()))
 }
 
 /// The text of a dataset that [`crate::results::writer::Writer::text`] wrote; an empty one is one
 /// zero byte.
-pub(crate) fn read_text(dataset: &Dataset) -> Hdf5Result<String> {
+pub(crate) fn read_text(dataset: &Dataset) -> hdf5::Result<String> {
     let text = utf8(read_bytes(dataset, dataset.dtype()?.size())?)?;
     Ok(text.trim_end_matches('\0').to_owned())
 }
 
 /// Reads a text whose length is known only at run time; the safe interface has no type for it.
-fn read_bytes(dataset: &Dataset, length: usize) -> Hdf5Result<Vec<u8>> {
+fn read_bytes(dataset: &Dataset, length: usize) -> hdf5::Result<Vec<u8>> {
     let kind = dataset.dtype()?;
     if !dataset.is_scalar() || kind.size() != length {
         return Err(hdf5::Error::from("a text could not be read"));

@@ -12,20 +12,18 @@ pub mod times;
 pub mod trust;
 
 use crate::base::checksum;
-use crate::base::disk::{not_replaced, open_regular};
+use crate::base::disk::{is_taken, not_replaced, open_regular};
 use crate::base::error::Result;
-use crate::base::text::{bytes_text, percent, short};
+use crate::base::text::{bytes_text, joined, percent, short};
 use crate::results::accuracy::Accuracy;
-use crate::results::ledger::{BoxEnd, Ledger};
+use crate::results::ledger::BoxEnd;
 use crate::results::pictures::Album;
 use crate::results::pictures::history::steps;
 use crate::results::pictures::stored::StoredRun;
 use crate::results::report::html::{ReportRows, Text, shown};
 use crate::results::report::times::Times;
-use crate::results::report::trust::{main_warning, trust};
-use crate::results::summary::ContinuedResult;
+use crate::results::report::trust::{Judgement, main_warning, trust};
 use maud::{DOCTYPE, Markup, PreEscaped, html};
-use serde::Deserialize;
 use serde_json::Value;
 use std::io::Read;
 use std::path::Path;
@@ -164,7 +162,8 @@ impl Report<'_> {
     /// # Errors
     /// [`crate::base::error::Error::Output`] if a picture cannot be drawn.
     pub fn html(&self) -> Result<String> {
-        let sections = self.sections();
+        let judgement = &Judgement::of(self.summary);
+        let sections = self.sections(judgement);
         let title = self.run.title();
         // Each element of the head is a line of its own, so that scripts find it.
         let page = html! {
@@ -181,9 +180,9 @@ impl Report<'_> {
                 body {
                     h1 { (Text(&title)) }
                     (self.summary_in_words())
-                    (trust(self.summary, self.run.plan["method"] == "classical"))
+                    (trust(self.summary, judgement, self.run.is_classical()))
                     (self.missing_warning())
-                    (self.warnings())
+                    (self.warnings(judgement))
                     "\n"
                     section id="pictures" { (self.pictures()?) }
                     section id="detail" {
@@ -217,7 +216,7 @@ impl Report<'_> {
         /// Number of bytes at the beginning of a page that contain its owner.
         const HEAD: u64 = 1000;
         let path = directory.join(NAME);
-        if std::fs::symlink_metadata(&path).is_err() {
+        if !is_taken(&path) {
             return Ok(());
         }
         let mut head = Vec::new();
@@ -232,10 +231,10 @@ impl Report<'_> {
     }
 
     /// The sections that are not empty.
-    fn sections(&self) -> Vec<Section> {
+    fn sections(&self, judgement: &Judgement) -> Vec<Section> {
         let all = [
-            ("errors", "Errors", self.errors()),
-            ("ledger", "Ledger of mass and energy", self.ledger()),
+            ("errors", "Errors", self.errors(judgement)),
+            ("ledger", "Ledger of mass and energy", self.ledger(judgement)),
             ("reductions", "What was left out of the computation", self.reductions()),
             ("cost", "Cost", self.cost()),
             ("probabilities", "Probabilities on a quantum computer", self.probabilities()),
@@ -265,8 +264,7 @@ impl Report<'_> {
 
     fn problem(&self) -> String {
         let run = self.run;
-        let elements: Vec<String> = run.space.axes().map(|a| a.elements().to_string()).collect();
-        let elements = elements.join(" × ");
+        let elements = joined(&run.space.elements(), " × ");
         let grid = match run.space.degree() {
             0 => format!("{elements} cells"),
             _ => format!("{elements} elements with {} unknowns", run.space.cells()),
@@ -288,7 +286,7 @@ impl Report<'_> {
         )
     }
 
-    fn distances(&self) -> Option<String> {
+    fn distances(&self, Judgement { accuracy, continued, .. }: &Judgement) -> Option<String> {
         let estimate = self.number("error_estimate").zip(self.number("tolerance"));
         let estimate = estimate.map(|(estimate, tolerance)| {
             let trust = match self.summary["error_estimate_reliable"].as_bool() {
@@ -303,9 +301,8 @@ impl Report<'_> {
             )
         });
         let exact = self.number("error_l1").zip(self.number("exact_l1"));
-        let accuracy = Accuracy::deserialize(&self.summary["accuracy"]).ok();
         let with_algorithm = accuracy.as_ref().is_some_and(|found| found.includes_algorithm);
-        let of = match self.run.plan["method"] == "classical" {
+        let of = match self.run.is_classical() {
             true => "the grid and of the steps in time",
             false if with_algorithm => "the grid and of the algorithm",
             false => "the grid",
@@ -317,9 +314,8 @@ impl Report<'_> {
                  the error of {of}."
             )
         });
-        let accuracy = accuracy.and_then(|accuracy| accuracy.line()).map(|line| line + ".");
-        let continued = ContinuedResult::deserialize(&self.summary["continued"]).ok();
-        let continued = continued.map(|continued| {
+        let accuracy = accuracy.as_ref().and_then(Accuracy::line).map(|line| line + ".");
+        let continued = continued.as_ref().map(|continued| {
             format!("The run continued from {}: {}.", continued.file, continued.line())
         });
         let found = accuracy.into_iter().chain(estimate).chain(exact);
@@ -333,10 +329,10 @@ impl Report<'_> {
         Some(format!("It took {} s on {ranks} rank{many}.", short(seconds)))
     }
 
-    fn warnings(&self) -> Markup {
+    fn warnings(&self, judgement: &Judgement) -> Markup {
         let list = self.summary["warnings"].as_array();
         let mut all: Vec<&str> = list.into_iter().flatten().filter_map(Value::as_str).collect();
-        let main_warning = main_warning(self.summary);
+        let main_warning = main_warning(judgement);
         all.retain(|warning| Some(*warning) != main_warning.as_deref());
         // Warnings about mass come first, as they put the result in doubt.
         all.sort_by_key(|warning| !warning.starts_with("mass:"));
@@ -364,7 +360,7 @@ impl Report<'_> {
         html! { @if !list.is_empty() { ul { @for line in list { li { (Text(line)) } } } } }
     }
 
-    fn errors(&self) -> Markup {
+    fn errors(&self, judgement: &Judgement) -> Markup {
         let mut rows = ReportRows::default();
         rows.values(&TO_SEMIDISCRETE, self.summary);
         for (error, relative, label) in TO_EXACT {
@@ -379,7 +375,7 @@ impl Report<'_> {
         rows.values(&CONSERVED, self.summary);
         let fields = self.summary["fields"].as_array().filter(|f| !f.is_empty());
         html! {
-            @if let Some(sentences) = self.distances() { p { (Text(&sentences)) } }
+            @if let Some(sentences) = self.distances(judgement) { p { (Text(&sentences)) } }
             (rows.table())
             @if let Some(fields) = fields {
                 table {
@@ -397,15 +393,16 @@ impl Report<'_> {
     }
 
     /// The ledger of mass and energy, and the mass that passed each end of the box.
-    fn ledger(&self) -> Markup {
-        let ledger: Option<Ledger> = Ledger::deserialize(&self.summary["ledger"]).ok();
-        let ledger = ledger.unwrap_or_default();
-        let ends = ledger.ends.iter().filter(|end| {
+    fn ledger(&self, judgement: &Judgement) -> Markup {
+        let (lines, ends) = match &judgement.ledger {
+            Some(ledger) => (ledger.lines(), &ledger.ends[..]),
+            None => (Vec::new(), &[][..]),
+        };
+        let ends = ends.iter().filter(|end| {
             [end.outflow, end.outflow_at_jumps, end.inflow].iter().any(|mass| *mass != 0.0)
         });
         let ends: Vec<&BoxEnd> = ends.collect();
         html! {
-            @let lines = ledger.lines();
             @if !lines.is_empty() { ul { @for line in lines { li { (Text(&line)) } } } }
             @if !ends.is_empty() {
                 table {
@@ -511,10 +508,11 @@ impl Report<'_> {
         let missing: Vec<String> = (missing(self.summary).into_iter())
             .map(|(section, why)| format!("{section}: {why}"))
             .collect();
-        let list = missing.join("; ");
         html! {
-            @if !list.is_empty() {
-                p class="warning" { "Left out or incomplete here: " (Text(&list)) "." }
+            @if !missing.is_empty() {
+                p class="warning" {
+                    "Left out or incomplete here: " (Text(&missing.join("; "))) "."
+                }
             }
         }
     }

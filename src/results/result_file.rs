@@ -36,8 +36,8 @@ use crate::quantum::readout::Readout;
 use crate::quantum::readout::files::{ReadoutColumn, numbers as readout_numbers};
 use crate::results::dataset::{FileAttributes, PlateauPoint, RESULT, Results};
 use crate::results::fields::{self, COMPONENT, DIRECTION, DatasetLayout, POINT};
-use crate::results::views::{self, Step};
-use crate::results::writer::{Hdf5Result, Writer, attribute, text};
+use crate::results::views::{self, GridsAtTime};
+use crate::results::writer::{Writer, attribute, text};
 use crate::results::{averages, grids, history, readback};
 use std::path::Path;
 
@@ -46,7 +46,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`], the same on all ranks.
-pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<Step>> {
+pub fn write(world: &Group, directory: &Path, results: &Results<'_>) -> Result<Vec<GridsAtTime>> {
     let path = directory.join(RESULT);
     world.on_first_rank(|| enough_room(directory, results.case))?;
     put_in_place(world, &path, |partial| {
@@ -84,7 +84,7 @@ pub fn put_in_place<T>(
 }
 
 /// Writes the whole file. Collective over `world`.
-fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Step>> {
+fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<GridsAtTime>> {
     let plan = plan_text(results.plan);
     let most = most_bytes(results.case) + plan.len() as u64;
     let writer = Writer::create(world, path, most, &results.case.storage)?;
@@ -121,7 +121,8 @@ pub fn enough_room(directory: &Path, case: &Case) -> Result<()> {
     require_room(directory, bytes, |bytes| format!("the results take {bytes}"))
 }
 
-/// Upper bound on the bytes of `result.h5`.
+/// Upper bound on the bytes of `result.h5`, if the curve of a multivalued velocity has no more
+/// points than are estimated ([`curve_points`]).
 pub fn most_bytes(case: &Case) -> u64 {
     /// Metadata, texts and the summary.
     const MARGIN: usize = 256 << 10;
@@ -150,7 +151,7 @@ pub fn most_bytes(case: &Case) -> u64 {
             + planes
             + (moments + early_moments) * sizes[..n].iter().product::<usize>()
     };
-    let cells: Vec<usize> = space.axes().map(|a| a.cells).collect();
+    let cells = space.shape();
     let (mut numbers, mut chunks) = (all(&cells), 0);
     let elements = averages::numbers(space);
     if let Some(given) = &storage.chunks {
@@ -181,7 +182,7 @@ pub(crate) fn attributes(
     ranks: usize,
     about: &FileAttributes<'_>,
     plan: &str,
-) -> Hdf5Result<()> {
+) -> hdf5::Result<()> {
     let (file, case) = (writer.file(), about.case);
     for (name, value) in about.provenance {
         attribute(file, name, &text(value))?;
@@ -205,7 +206,7 @@ pub(crate) fn attributes(
 }
 
 /// Writes the dimension scales of phase space.
-pub(crate) fn phase_axes(writer: &Writer<'_>, case: &Case) -> Hdf5Result<()> {
+pub(crate) fn phase_axes(writer: &Writer<'_>, case: &Case) -> hdf5::Result<()> {
     let chunks = &case.storage.chunks;
     writer.file().create_group("axis")?;
     let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
@@ -225,7 +226,7 @@ pub(crate) fn phase_axes(writer: &Writer<'_>, case: &Case) -> Hdf5Result<()> {
 }
 
 /// Writes all dimension scales.
-fn axes(writer: &Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
+fn axes(writer: &Writer<'_>, results: &Results<'_>) -> hdf5::Result<()> {
     phase_axes(writer, results.case)?;
     averages::axes(writer, results.case)?;
     let n = results.case.space.dimension();
@@ -241,7 +242,7 @@ fn axes(writer: &Writer<'_>, results: &Results<'_>) -> Hdf5Result<()> {
 }
 
 /// Writes the plateau, which is the same on all ranks.
-fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
+fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> hdf5::Result<()> {
     if points.is_empty() {
         return Ok(());
     }
@@ -258,7 +259,7 @@ fn plateau(writer: &Writer<'_>, points: &[PlateauPoint]) -> Hdf5Result<()> {
 }
 
 /// Writes the emulated readout of a quantum computer, which is the same on all ranks.
-fn write_readout(writer: &Writer<'_>, readout: &Readout) -> Hdf5Result<()> {
+fn write_readout(writer: &Writer<'_>, readout: &Readout) -> hdf5::Result<()> {
     let group = writer.file().create_group("readout")?;
     attribute(&group, "confidence", &readout.confidence)?;
     let single = [

@@ -4,13 +4,14 @@ use crate::base::error::Result;
 use crate::base::version;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::stored_checksum;
-use crate::problem::case::{Case, ResultOrigin, StartField};
+use crate::problem::case::{Case, GridErrorPair, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
-use crate::results::readback::{StoredCase, number_attribute, text_attribute};
+use crate::results::readback::{
+    StoredCase, number_attribute, refuse_other_than_reals, text_attribute,
+};
 use crate::results::summary;
 use crate::results::untrusted::{self, Inspection};
-use hdf5::types::TypeDescriptor;
 use hdf5::{Dataset, File};
 use std::path::Path;
 
@@ -22,7 +23,7 @@ const SAME: f64 = 1e-12;
 /// `world`.
 ///
 /// # Errors
-/// [`crate::base::error::Error::Input`], the same on all ranks, that says what is wrong with the
+/// [`crate::base::error::Error::Case`], the same on all ranks, that says what is wrong with the
 /// file.
 pub fn origin(world: &Group, start: &StartField, case: &Case) -> Result<ResultOrigin> {
     // One rank reads the file without MPI.
@@ -39,9 +40,7 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
         true => "holds measure-valued data, /phi and /psi; /f is expected",
         false => "holds no dataset /f",
     })?;
-    if !matches!(f.dtype().and_then(|kind| kind.to_descriptor()), Ok(TypeDescriptor::Float(_))) {
-        return Err("/f holds other than real numbers, which are expected".to_owned());
-    }
+    refuse_other_than_reals("f", &f)?;
     let time = number_attribute(&file, "time").map_err(|_| "says no time")?;
     if !is_same(time, case.begin, time) {
         return Err(format!("is f at t = {time}, time.start is {}", case.begin));
@@ -70,8 +69,7 @@ fn stored_case(file: &File) -> Option<Case> {
 struct OriginErrors {
     /// Relative l2 distance of `f` to the semi-discrete solution since time 0.
     error: Option<f64>,
-    /// Relative errors of `f` and of the density due to the grid.
-    grid_errors: [Option<f64>; 2],
+    grid_errors: GridErrorPair,
 }
 
 impl OriginErrors {
@@ -82,8 +80,9 @@ impl OriginErrors {
         let accuracy = &summary["accuracy"];
         // Those that are mostly the algorithm's say little about the grid.
         let of_grid = accuracy["includes_algorithm"] != true;
-        let grid_errors =
+        let [field, density] =
             ["grid", "grid_density"].map(|key| accuracy[key].as_f64().filter(|_| of_grid));
+        let grid_errors = GridErrorPair { field, density };
         if summary["continued"].is_object() {
             return Self { error: summary["continued"]["error_total"].as_f64(), grid_errors };
         }
@@ -117,7 +116,7 @@ fn same_grid(file: &File, f: &Dataset, space: &PhaseSpace) -> FileResult<()> {
 
 fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> FileResult<()> {
     let degree = dataset.attr("degree").and_then(|a| a.read_scalar::<u64>()).unwrap_or(0);
-    let size = axis.lower.abs().max(axis.upper.abs());
+    let size = axis.largest_magnitude();
     for (what, expected) in [("lower", axis.lower), ("upper", axis.upper)] {
         let found =
             number_attribute(dataset, what).map_err(|_| format!("/axis/{name} says no {what}"))?;
@@ -159,10 +158,11 @@ mod tests {
     #[test]
     fn the_errors_of_a_changed_summary_are_not_taken() {
         let directory = tempfile::tempdir().expect("a directory");
-        let accuracy = Accuracy::default().with_grid([None; 2], [Some(0.5), Some(0.75)]);
+        let grid_errors = GridErrorPair { field: Some(0.5), density: Some(0.75) };
+        let accuracy = Accuracy::default().with_grid(GridErrorPair::default(), grid_errors);
         let written = Summary { error_semidiscrete: Some(0.25), accuracy, ..Summary::default() };
         written.write(directory.path()).expect("a summary");
-        let expected = OriginErrors { error: Some(0.25), grid_errors: [Some(0.5), Some(0.75)] };
+        let expected = OriginErrors { error: Some(0.25), grid_errors };
         assert_eq!(OriginErrors::of(directory.path()), expected);
         let path = directory.path().join(summary::NAME);
         let text = std::fs::read_to_string(&path).expect("a text");

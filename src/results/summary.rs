@@ -417,7 +417,7 @@ pub struct Summary {
     pub accuracy: Accuracy,
     /// Whether the run misses its tolerance or accuracy.
     pub missed: MissedGoals,
-    /// These in a word.
+    /// The verdict on errors and goals in one word.
     pub verdict: Option<Verdict>,
     /// Σ_a ∫ |u_a − u_exact,a| dx where ρ_exact > 0, for measure-valued data.
     pub error_velocity_l1: Option<f64>,
@@ -439,7 +439,7 @@ pub struct Summary {
 impl Summary {
     /// Sets accuracy and missed goals once all other numbers are known. `estimated` are the grid's
     /// estimated errors of `f` and of the density.
-    pub fn judge(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
+    pub fn judge(&mut self, case: &Case, estimated: GridErrorPair) {
         self.set_accuracy(case, estimated);
         self.set_advice(case);
         let continued = self.continued.as_ref();
@@ -447,8 +447,11 @@ impl Summary {
     }
 
     /// Sets the errors, and the goals that are missed.
-    fn set_accuracy(&mut self, case: &Case, estimated: [Option<f64>; 2]) {
-        let measured = [self.error_l2_relative, self.error_density_l2_relative];
+    fn set_accuracy(&mut self, case: &Case, estimated: GridErrorPair) {
+        let measured = GridErrorPair {
+            field: self.error_l2_relative,
+            density: self.error_density_l2_relative,
+        };
         let is_planned = case.method == Method::Schrodingerized && !self.inflow_jumps;
         let asked = is_planned.then_some(case.tolerance);
         let own = self.own_error();
@@ -673,7 +676,8 @@ mod tests {
     fn a_verdict_is_the_first_that_applies() {
         let missed = MissedGoals { tolerance: Some("MISSED".to_owned()), accuracy: None };
         let good = Accuracy { asked: Some(1e-6), algorithm: Some(1e-7), ..Accuracy::default() };
-        let good = good.with_grid([Some(1e-7), None], [None; 2]);
+        let measured = GridErrorPair { field: Some(1e-7), density: None };
+        let good = good.with_grid(measured, GridErrorPair::default());
         let error = |algorithm: f64| Accuracy { algorithm: Some(algorithm), ..good.clone() };
         let hidden = Accuracy { includes_algorithm: true, ..error(2e-6) };
         for (accuracy, expected) in [
@@ -714,7 +718,7 @@ mod tests {
             let particles = ParticleErrors { density: Some(shown), ..ParticleErrors::default() };
             let accuracy = Accuracy { particles, goal_error: measured, ..Accuracy::default() };
             let mut summary = Summary { accuracy, ..Summary::default() };
-            summary.judge(&case, [Some(1e-3); 2]);
+            summary.judge(&case, GridErrorPair { field: Some(1e-3), density: Some(1e-3) });
             (summary.missed.accuracy, summary.accuracy.under_resolved)
         };
         let (missed, under_resolved) = judged(0.2, None);

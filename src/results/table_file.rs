@@ -2,8 +2,8 @@
 //! files, which one rank reads for all.
 
 use crate::base::checksum;
-use crate::base::error::{Error, Result};
-use crate::base::refusal::Refusal;
+use crate::base::error::Result;
+use crate::base::row_major::number;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, TableFile, TableOf};
 use crate::problem::table::{Table, TableAxis, check_size};
@@ -20,7 +20,7 @@ const MOST_TEXT: u64 = 256 << 20;
 /// `world`.
 ///
 /// # Errors
-/// [`Error::Input`], the same on all ranks, that says what is wrong with a file.
+/// [`Error::Case`], the same on all ranks, that says what is wrong with a file.
 pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let mut case = Cow::Borrowed(case);
     for k in 0..case.tables.len() {
@@ -35,15 +35,11 @@ pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
 /// Reads the table of `file` for all ranks. It must cover the grid of `case`. Collective over
 /// `world`.
 fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table> {
-    let wrong = |what: &str| {
-        let path = format!("\"{}\"", file.path.display());
-        Error::Case(Box::new(Refusal::at_place(&file.place, &path, what)))
-    };
-    let found = world.on_first_rank(|| read(file).map(Some).map_err(|what| wrong(&what)))?;
-    let table = shared(world, found).map_err(|what| wrong(&what))?;
+    let found = world.on_first_rank(|| read(file).map(Some).map_err(|what| file.wrong(&what)))?;
+    let table = shared(world, found).map_err(|what| file.wrong(&what))?;
     for (position, ends) in case.coordinate_ends() {
         if let Some(what) = table.beyond(position, ends) {
-            return Err(wrong(&what));
+            return Err(file.wrong(&what));
         }
     }
     Ok(table)
@@ -270,9 +266,11 @@ fn on_grid(axes: Vec<(String, usize)>, places: &[Vec<f64>], values: &[f64]) -> F
     }
     let mut table = vec![f64::NAN; count];
     for (i, value) in values.iter().enumerate() {
-        let place = (places.iter().zip(&points)).fold(0, |place, (places, points)| {
-            place * points.len() + points.partition_point(|p| *p < places[i])
-        });
+        let along = places.iter().zip(&points);
+        let place = number(
+            shape.iter().copied(),
+            along.map(|(places, points)| points.partition_point(|p| *p < places[i])),
+        );
         if !table[place].is_nan() {
             let point: Vec<f64> = places.iter().map(|places| places[i]).collect();
             return Err(format!("the point {point:?} is given twice"));

@@ -14,13 +14,13 @@ use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
 use crate::base::machine;
 use crate::parallel::communicator::Group;
+use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::results::dataset::RESULT;
 use crate::results::pictures::stored::StoredRun;
 use crate::results::readback::{
     ChecksumParts, FileShare, check_readable, compare, datasets, differs, numbers, read_text,
     sum_of, sums_of, text_attribute,
 };
-use crate::results::writer::Hdf5Result;
 use crate::results::{FileResult, file_checksums};
 use crate::solve::checkpoint::store;
 use hdf5::{Dataset, File};
@@ -223,7 +223,7 @@ fn inspect_here(path: &Path, inspection: Inspection) -> InspectionResult {
 }
 
 /// Checks that all datasets can be read; returns the bytes of the largest chunk.
-fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> Hdf5Result<u64> {
+fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> hdf5::Result<u64> {
     let mut largest = 0;
     for (name, dataset) in all {
         let chunk = check_readable(dataset, bytes)
@@ -233,7 +233,7 @@ fn shapes(all: &BTreeMap<String, Dataset>, bytes: u64) -> Hdf5Result<u64> {
     Ok(largest)
 }
 
-fn values(file: &File, bytes: u64, share: FileShare) -> Hdf5Result<ChecksumParts> {
+fn values(file: &File, bytes: u64, share: FileShare) -> hdf5::Result<ChecksumParts> {
     let all = datasets(file)?;
     let chunk = shapes(&all, bytes)?;
     allow_memory(chunk);
@@ -280,7 +280,7 @@ fn read_descriptions(location: &hdf5::Location) {
 }
 
 /// Checks all datasets, and reads what describes them and the file.
-fn description(file: &File, bytes: u64) -> Hdf5Result<()> {
+fn description(file: &File, bytes: u64) -> hdf5::Result<()> {
     let all = datasets(file)?;
     shapes(&all, bytes)?;
     read_descriptions(file);
@@ -293,7 +293,8 @@ fn description(file: &File, bytes: u64) -> Hdf5Result<()> {
 fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
     let chunk = check_dataset(file, bytes, name)?.unwrap_or(0);
     allow_memory(chunk);
-    for axis in ["x", "y", "z", "vx", "vy", "vz", "p"].map(|axis| format!("axis/{axis}")) {
+    let names = axis_names(MAX_DIMENSION).into_iter().chain(["p"]);
+    for axis in names.map(|name| format!("axis/{name}")) {
         check_dataset(file, bytes, &axis)?;
         if let Ok(dataset) = file.dataset(&axis) {
             // What it holds instead of numbers is reported by those that need them.
@@ -314,7 +315,7 @@ fn start(file: &File, bytes: u64, name: &str) -> FileResult<()> {
 
 /// Checks that the dataset `name` can be read; returns the bytes of a chunk, or `None` if there is
 /// no such dataset, which the caller may report.
-fn check_dataset(file: &File, bytes: u64, name: &str) -> std::result::Result<Option<u64>, String> {
+fn check_dataset(file: &File, bytes: u64, name: &str) -> FileResult<Option<u64>> {
     let dataset = file.dataset(name).ok();
     dataset
         .map(|dataset| check_readable(&dataset, bytes).map_err(|e| format!("/{name}: {e}")))
@@ -346,7 +347,7 @@ pub fn open(directory: &Path) -> Result<StoredRun> {
             path.display()
         ))
     };
-    if !path.exists() && store::is_begun(&store::folder(directory)) {
+    if !path.exists() && store::is_begun(directory) {
         return Err(Error::Input(format!(
             "{}: the run was stopped and is not finished; with --resume it goes on",
             directory.display()

@@ -41,7 +41,7 @@ pub struct Grid {
 
 /// The grids at one time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Step {
+pub struct GridsAtTime {
     /// The time.
     pub time: f64,
     /// Grids at that time.
@@ -120,30 +120,37 @@ fn show_by_time(
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
-pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
+pub fn write(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<GridsAtTime>> {
     writer.group("xdmf")?;
     let mut grids = planes(writer, results)?;
     grids.push(space(writer, results)?);
     let mut steps = steps_before_end(writer, results)?;
-    steps.push(Step { time: results.case.end, grids });
+    steps.push(GridsAtTime { time: results.case.end, grids });
     Ok(steps)
 }
 
 /// Writes the data of output times before the end. Collective.
-fn steps_before_end(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Step>> {
+fn steps_before_end(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<GridsAtTime>> {
     if results.early.is_empty() {
         return Ok(Vec::new());
     }
     writer.group("xdmf/history")?;
-    let mut steps: Vec<Step> =
-        results.early.iter().map(|early| Step { time: early.time, grids: Vec::new() }).collect();
+    let mut steps: Vec<GridsAtTime> = results
+        .early
+        .iter()
+        .map(|early| GridsAtTime { time: early.time, grids: Vec::new() })
+        .collect();
     earlier_planes(writer, results, &mut steps)?;
     earlier_space(writer, results, &mut steps)?;
     Ok(steps)
 }
 
 /// Adds the fields on planes to the `steps` that have fields. Collective.
-fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]) -> Result<()> {
+fn earlier_planes(
+    writer: &Writer<'_>,
+    results: &Results<'_>,
+    steps: &mut [GridsAtTime],
+) -> Result<()> {
     let (case, space) = (results.case, &results.case.space);
     let n = space.dimension();
     let names = axis_names(n);
@@ -174,7 +181,11 @@ fn earlier_planes(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]
 }
 
 /// Adds the moments over space to all `steps`. Collective.
-fn earlier_space(writer: &Writer<'_>, results: &Results<'_>, steps: &mut [Step]) -> Result<()> {
+fn earlier_space(
+    writer: &Writer<'_>,
+    results: &Results<'_>,
+    steps: &mut [GridsAtTime],
+) -> Result<()> {
     let space = &results.case.space;
     let n = space.dimension();
     let times = fields::moments_by_time(results);

@@ -7,7 +7,7 @@
 //! the pieces of a chunk to the one rank that compresses it.
 //!
 //! Functions with the result [`Result`] are collective and fail with
-//! [`crate::base::error::Error::Output`], the same on all ranks. After those with [`Hdf5Result`]
+//! [`crate::base::error::Error::Output`], the same on all ranks. After those with [`hdf5::Result`]
 //! the ranks must agree on the outcome, as by [`metadata`](Writer::metadata).
 
 use crate::base::disk::failure;
@@ -21,14 +21,12 @@ use crate::problem::limits::{CHUNK, MOST_CHUNKS};
 use hdf5::sync::sync;
 use hdf5::types::{VarLenArray, VarLenUnicode};
 use hdf5::{Dataset, File, H5Type, Location, ObjectReference1};
+use hdf5_sys::h5i::hid_t;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::ffi::{CStr, CString};
 use std::mem::ManuallyDrop;
 use std::path::Path;
-
-/// A value, or the error of HDF5.
-pub type Hdf5Result<T> = std::result::Result<T, hdf5::Error>;
 
 /// A dimension scale.
 struct DimensionScale {
@@ -56,7 +54,7 @@ pub fn text(s: &str) -> VarLenUnicode {
 }
 
 /// Writes a new attribute.
-pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> Hdf5Result<()> {
+pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> hdf5::Result<()> {
     at.new_attr::<T>().create(name)?.write_scalar(value)
 }
 
@@ -96,26 +94,26 @@ impl<'a> Writer<'a> {
 
     /// Makes all ranks agree on the outcome of a step of all ranks, and of the steps that rank 0
     /// wrote alone.
-    fn agree<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
+    fn agree<T>(&self, outcome: hdf5::Result<T>) -> Result<T> {
         self.world.agree_in_time(self.with_trouble(outcome))
     }
 
     /// Writes metadata, by all ranks together, and agrees on the outcome. HDF5 writes what it holds
     /// back at any of these steps. Where that fails, all ranks may wait for each other: then the
     /// job ends.
-    pub fn metadata<T>(&self, write: impl FnOnce() -> Hdf5Result<T>) -> Result<T> {
+    pub fn metadata<T>(&self, write: impl FnOnce() -> hdf5::Result<T>) -> Result<T> {
         let late = failure(self.path, &"could not be written on all ranks");
         self.world.in_time(&late, || self.with_trouble(write()))
     }
 
     /// The outcome of a step, or of the earlier one that rank 0 wrote alone, if that failed.
-    fn with_trouble<T>(&self, outcome: Hdf5Result<T>) -> Result<T> {
+    fn with_trouble<T>(&self, outcome: hdf5::Result<T>) -> Result<T> {
         let outcome = self.trouble.take().map_or(outcome, Err);
         outcome.map_err(|e| failure(self.path, &e))
     }
 
     /// Lets rank 0 write something alone.
-    fn by_first_rank(&self, write: impl FnOnce() -> Hdf5Result<()>) {
+    fn by_first_rank(&self, write: impl FnOnce() -> hdf5::Result<()>) {
         if self.world.is_first()
             && let Err(error) = write()
         {
@@ -125,7 +123,7 @@ impl<'a> Writer<'a> {
 
     /// Writes a scalar text dataset of fixed length, as parallel HDF5 does not write texts of
     /// variable length.
-    pub fn text(&self, name: &str, value: &str) -> Hdf5Result<Dataset> {
+    pub fn text(&self, name: &str, value: &str) -> hdf5::Result<Dataset> {
         let bytes = value.as_bytes();
         let dataset = self
             .file
@@ -140,7 +138,7 @@ impl<'a> Writer<'a> {
     }
 
     /// Writes, by rank 0, a list of numbers that all ranks know.
-    pub fn list(&self, name: &str, values: &[f64], what: Option<&str>) -> Hdf5Result<Dataset> {
+    pub fn list(&self, name: &str, values: &[f64], what: Option<&str>) -> hdf5::Result<Dataset> {
         let dataset = self.file.new_dataset::<f64>().shape(values.len()).create(name)?;
         if let Some(what) = what {
             attribute(&dataset, "long_name", &text(what))?;
@@ -160,7 +158,7 @@ impl<'a> Writer<'a> {
         name: &'static str,
         values: &[f64],
         chunk: Option<usize>,
-    ) -> Hdf5Result<Dataset> {
+    ) -> hdf5::Result<Dataset> {
         let dataset = self.list(name, values, None)?;
         terminated_text(&dataset, "CLASS", c"DIMENSION_SCALE")?;
         terminated_text(&dataset, "NAME", &CString::new(name).unwrap_or_default())?;
@@ -170,7 +168,7 @@ impl<'a> Writer<'a> {
         Ok(dataset)
     }
 
-    fn create_field(&self, name: &str, axes: &[&str], what: &str) -> Hdf5Result<Dataset> {
+    fn create_field(&self, name: &str, axes: &[&str], what: &str) -> hdf5::Result<Dataset> {
         let known = self.scales.borrow();
         let scales: Vec<&DimensionScale> = axes.iter().map(|a| &known[a]).collect();
         let shape: Vec<usize> = scales.iter().map(|s| s.length).collect();
@@ -191,7 +189,7 @@ impl<'a> Writer<'a> {
             let reference = self.file.reference::<ObjectReference1>(&path)?;
             Ok(VarLenArray::from_slice(&[reference]))
         };
-        let list = axes.iter().map(scale).collect::<Hdf5Result<Vec<_>>>()?;
+        let list = axes.iter().map(scale).collect::<hdf5::Result<Vec<_>>>()?;
         dataset
             .new_attr::<VarLenArray<ObjectReference1>>()
             .shape(list.len())
@@ -304,7 +302,7 @@ fn chunks(scales: &[&DimensionScale], storage: &Storage) -> Option<Vec<usize>> {
 
 /// Writes an attribute that is a zero-terminated text. The dimension-scale interface of HDF5 takes
 /// only this kind, and the safe interface cannot write it.
-fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Hdf5Result<()> {
+fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> hdf5::Result<()> {
     use hdf5_sys::{h5a, h5p::H5P_DEFAULT, h5s, h5t};
     let name = CString::new(name).unwrap_or_default();
     // SAFETY: no other thread is in the library (`sync`). The dataset is open as long as `at` is
@@ -327,7 +325,7 @@ fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> Hdf5Result<()> {
 }
 
 /// Writes a text whose length is known only at run time; the safe interface has no type for it.
-fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Hdf5Result<()> {
+fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> hdf5::Result<()> {
     let kind = dataset.dtype()?;
     assert!(dataset.is_scalar() && kind.size() == bytes.len(), "a text and its dataset");
     // SAFETY: no other thread is in the library (`sync`). The dataset has one element, of the type
@@ -349,7 +347,7 @@ fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> Hdf5Result<()> {
 }
 
 /// The property list of a transfer, which the caller closes, and its status: below 0 for a failure.
-fn transfer_list(together: bool) -> (hdf5_sys::h5i::hid_t, i32) {
+fn transfer_list(together: bool) -> (hid_t, i32) {
     use hdf5_sys::h5p;
     // SAFETY: no other thread is in the library (`sync`); the list is made here, and where it could
     // not be, the library says so.
@@ -370,44 +368,56 @@ fn transfer_list(together: bool) -> (hdf5_sys::h5i::hid_t, i32) {
     })
 }
 
+/// Selects the elements of `slab` in the space `there` of a dataset; none there and in `here` if
+/// the slab `is_empty`. Returns the status, below 0 for a failure.
+///
+/// # Safety
+/// No other thread is in the library, and the slab has a number for each dimension of `there`.
+unsafe fn select(there: hid_t, here: hid_t, slab: &DatasetBox, is_empty: bool) -> i32 {
+    use hdf5_sys::h5s;
+    let numbers = |list: &[usize]| -> Vec<u64> { list.iter().map(|&n| n as u64).collect() };
+    let (start, count) = (numbers(&slab.start), numbers(&slab.count));
+    let one = vec![1; start.len()];
+    // SAFETY: as the caller promises, and the library refuses handles that could not be made.
+    unsafe {
+        if is_empty {
+            return h5s::H5Sselect_none(there).min(h5s::H5Sselect_none(here));
+        }
+        h5s::H5Sselect_hyperslab(
+            there,
+            h5s::H5S_seloper_t::H5S_SELECT_SET,
+            start.as_ptr(),
+            std::ptr::null(),
+            one.as_ptr(),
+            count.as_ptr(),
+        )
+    }
+}
+
 /// Writes this rank's slab. If `together`, all ranks write at once, even with an empty slab.
 fn write_slab(
     dataset: &Dataset,
     slab: &DatasetBox,
     values: &[f64],
     together: bool,
-) -> Hdf5Result<()> {
+) -> hdf5::Result<()> {
     use hdf5_sys::{h5d, h5p, h5s, h5t};
     assert_eq!(slab.size(), values.len(), "a slab and its values");
     assert_eq!(slab.start.len(), dataset.ndim(), "a slab and its dataset");
     if values.is_empty() && !together {
         return Ok(());
     }
-    let numbers = |list: &[usize]| -> Vec<u64> { list.iter().map(|&n| n as u64).collect() };
-    let (start, count) = (numbers(&slab.start), numbers(&slab.count));
-    let (one, size) = (vec![1; start.len()], values.len() as u64);
+    let size = values.len() as u64;
     // SAFETY: no other thread is in the library (`sync`). The dataset is open as long as it is
     // borrowed; each other handle is made and closed here, and of one that could not be made the
-    // library says so. `start`, `one` and `count` have a number for each dimension of the dataset.
-    // The library reads as many numbers as `here` has selected, which are those of `values`: all,
-    // or none where there are none.
+    // library says so. The slab has a number for each dimension of the dataset. The library reads
+    // as many numbers as `here` has selected, which are those of `values`: all, or none where there
+    // are none.
     sync(|| unsafe {
         let (transfer, mut status) = transfer_list(together);
         let there = h5d::H5Dget_space(dataset.id());
         let here = h5s::H5Screate_simple(1, &size.max(1), std::ptr::null());
-        let selected = if values.is_empty() {
-            h5s::H5Sselect_none(there).min(h5s::H5Sselect_none(here))
-        } else {
-            h5s::H5Sselect_hyperslab(
-                there,
-                h5s::H5S_seloper_t::H5S_SELECT_SET,
-                start.as_ptr(),
-                std::ptr::null(),
-                one.as_ptr(),
-                count.as_ptr(),
-            )
-        };
-        status = status.min(selected);
+        status = status.min(select(there, here, slab, values.is_empty()));
         // Ranks also call this after a failure, as others may already wait in it.
         let written = h5d::H5Dwrite(
             dataset.id(),

@@ -3,7 +3,8 @@
 use crate::base::disk::{self, failure};
 use crate::base::error::Result;
 use crate::base::text::joined;
-use crate::results::views::{Grid, Step, View};
+use crate::results::dataset::RESULT;
+use crate::results::views::{Grid, GridsAtTime, View};
 use std::fmt::Write;
 use std::path::Path;
 
@@ -18,7 +19,7 @@ const END: &str = "</Domain>\n</Xdmf>\n";
 ///
 /// # Errors
 /// [`crate::base::error::Error::Output`].
-pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
+pub fn write(directory: &Path, steps: &[GridsAtTime]) -> Result<()> {
     let path = directory.join(NAME);
     if steps.is_empty() {
         disk::clear(&path).map_err(|e| failure(&path, &e))
@@ -29,7 +30,7 @@ pub fn write(directory: &Path, steps: &[Step]) -> Result<()> {
 
 /// The text of the file, time by time. Several times are a temporal collection of collections of
 /// grids.
-fn pieces(steps: &[Step]) -> impl Iterator<Item = String> {
+fn pieces(steps: &[GridsAtTime]) -> impl Iterator<Item = String> {
     let [start, end] = match steps {
         [_] => ["", ""],
         _ => [
@@ -39,7 +40,7 @@ fn pieces(steps: &[Step]) -> impl Iterator<Item = String> {
     };
     let start = format!("<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n{start}");
     let several = steps.len() > 1;
-    let times = steps.iter().map(move |Step { time, grids }| match several {
+    let times = steps.iter().map(move |GridsAtTime { time, grids }| match several {
         false => grids_text(*time, grids),
         true => format!(
             "<Grid Name=\"t = {time}\" GridType=\"Collection\" CollectionType=\"Spatial\">\n\
@@ -100,7 +101,7 @@ pub(crate) fn attribute(view: &View, numbers: &str) -> String {
 
 /// The element that refers to the numbers of a view, of which there are `counts` along the axes.
 fn values(view: &View, counts: &str) -> String {
-    let place = format!("result.h5:{}", view.dataset);
+    let place = format!("{RESULT}:{}", view.dataset);
     let Some(slice) = &view.time_slice else { return item(counts, "Float", "HDF", &place) };
     let rank = slice.shape.len();
     let (mut start, mut count) = (vec![0; rank], slice.shape.to_vec());

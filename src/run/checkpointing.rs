@@ -1,6 +1,7 @@
 //! The checkpoints of a run: where they are, and the one that it continues from.
 
-use crate::base::error::{Error, Result};
+use crate::base::disk::directory_error;
+use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
 use crate::base::log::report;
 use crate::run::log::RunLog;
@@ -95,11 +96,10 @@ pub(crate) fn remove_rest(results: &Path) {
 /// to others.
 fn refuse_link(folder: &Path) -> Result<()> {
     match std::fs::symlink_metadata(folder) {
-        Ok(found) if found.is_symlink() => Err(Error::Directory {
-            path: folder.to_owned(),
-            reason: "it is a symbolic link, which is not followed; -o gives another directory"
-                .to_owned(),
-        }),
+        Ok(found) if found.is_symlink() => Err(directory_error(
+            folder,
+            "it is a symbolic link, which is not followed; -o gives another directory",
+        )),
         _ => Ok(()),
     }
 }

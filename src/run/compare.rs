@@ -169,7 +169,6 @@ pub(crate) fn continued(
     let inherited = origin.error.map(|error| error * ratio * spread * growth);
     let error_inherited = inherited.filter(|error| error.is_finite());
     let own = summary.own_error();
-    let [field, density] = origin.grid_errors;
     Some(ContinuedResult {
         file: start.path.display().to_string(),
         checksum: checksum::text(origin.checksum),
@@ -178,7 +177,10 @@ pub(crate) fn continued(
         error_inherited,
         error_total: error_inherited.zip(own).map(|(inherited, own)| inherited + own),
         // What leaves takes its error along.
-        grid: GridErrorPair { field: field.map(|error| error * ratio.min(1.0)), density },
+        grid: GridErrorPair {
+            field: origin.grid_errors.field.map(|error| error * ratio.min(1.0)),
+            ..origin.grid_errors
+        },
     })
 }
 

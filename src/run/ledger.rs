@@ -120,7 +120,7 @@ fn jumps(space: &PhaseSpace, potential: &Potential) -> Vec<AxisJumps> {
     let along = |a: usize| {
         let sizes = || potential.jump_kinds(a).map(|kind| kind.jump().abs());
         let v = &space.v[a];
-        let fastest = v.lower.abs().max(v.upper.abs());
+        let fastest = v.largest_magnitude();
         let largest = sizes().fold(0.0, f64::max);
         (largest > 0.0).then(|| AxisJumps {
             axis: names[a].to_owned(),

@@ -229,7 +229,7 @@ impl ModeRun<'_> {
         let recovered = modes::run(&task, evolution, &mut *propagator, progress, hooks);
         if stores {
             // A signal comes too late for a checkpoint now.
-            machine::begin(RunPart::Over);
+            machine::begin(RunPart::Outside);
         }
         recovered
     }

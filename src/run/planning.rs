@@ -124,7 +124,7 @@ pub fn with_files_read<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case
     let Some(start) = &case.start else {
         return Ok(case);
     };
-    let given = WarpedFile::new(world, &start.path, &case.space, &start.place)?;
+    let given = WarpedFile::new(world, start, &case.space)?;
     let mut case = case.into_owned();
     (case.warp.interval, case.warp.points) = (Some(given.interval), Some(given.points));
     Ok(Cow::Owned(case))

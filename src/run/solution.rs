@@ -93,7 +93,8 @@ impl Solution {
             Some(readout) => Readout::write(readout, directory),
             None => Ok(()),
         })?;
-        summary.files = file_checksums::of_files(&all, directory, &results::file_names(case))?;
+        let names: Vec<String> = results::files(case).map(|file| file.name).collect();
+        summary.files = file_checksums::of_files(&all, directory, &names)?;
         summary.finish(&all, &log.watch);
         all.on_first_rank(|| summary.write(directory))?;
         if let Some(checkpointing) = self.checkpointing.filter(|_| log.prints) {

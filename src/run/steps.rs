@@ -7,7 +7,7 @@ use crate::parallel::communicator::{Group, World};
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::results::accuracy::is_large;
+use crate::results::accuracy::{GridErrorPair, is_large};
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
@@ -71,7 +71,7 @@ pub(super) struct StartObserved {
 pub(super) struct FieldErrors {
     plateau: Vec<PlateauPoint>,
     /// Estimates of the relative L2 errors of the grid, of `f` and of the density.
-    estimated: [Option<f64>; 2],
+    estimated: GridErrorPair,
 }
 
 /// The results of all steps before the last.
@@ -225,8 +225,8 @@ impl<'a> Driver<'a> {
         }
         summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
         let plateau = compare::plateau(prepared, solution);
-        let estimated = estimates::of_the_grid(prepared, &solution.fields[0][0])?;
-        Ok(FieldErrors { plateau, estimated })
+        let [field, density] = estimates::of_the_grid(prepared, &solution.fields[0][0])?;
+        Ok(FieldErrors { plateau, estimated: GridErrorPair { field, density } })
     }
 
     /// Step 9: fields and moments on the grid of the results, and their distance to the exact

@@ -91,8 +91,9 @@ pub fn refuse_too_long(case: &Case, rate: f64) -> Result<()> {
         return Ok(());
     }
     Err(Error::TooLong {
-        end: case.duration(),
+        end: case.end,
         rate,
+        quantity: "the spectrum of S spans",
         span: 2.0 * rate * case.duration(),
         limit: 2.0 * LONGEST_SPAN,
     })

@@ -181,7 +181,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         let mut outcome: Result<()> = Ok(());
         loop {
             let standing = match (&outcome, batches.len()) {
-                (Err(e), _) if e.is_left() => RankState::Left,
+                (Err(e), _) if e.is_interruption() => RankState::Left,
                 (Err(_), _) => RankState::Failed,
                 (Ok(()), 0) => RankState::Finished,
                 _ => RankState::Working,
@@ -197,7 +197,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
             };
             if over {
                 // The error is one of another rank.
-                return Ok(outcome.or_else(|e| if e.is_left() { Ok(()) } else { Err(e) }));
+                return Ok(outcome.or_else(|e| if e.is_interruption() { Ok(()) } else { Err(e) }));
             }
             let Some(batch) = batches.next().filter(|_| outcome.is_ok()) else {
                 continue;

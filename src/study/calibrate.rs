@@ -120,8 +120,7 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<Ca
     let case = &planning::read_and_reduced(&all, case)?;
     let ProvisionalPlan { bounds, plan: provisional } = ProvisionalPlan::new(case, resources)?;
     let limited = Resources { memory_per_rank: Some(memory_per_rank(&all)), ..resources.clone() };
-    let warp = provisional.warp.as_ref();
-    (provisional.layout.clone()).within(case, &provisional.bounds, warp, &limited)?;
+    (provisional.layout.clone()).within(provisional.work(case), &limited)?;
     watch.lap("plan");
     let run = CalibratedCase { world, case, resources, bounds, provisional };
     let mut block = run.block(&run.provisional, &mut watch)?;

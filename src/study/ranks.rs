@@ -12,6 +12,7 @@ use crate::base::error::{Error, Result};
 use crate::base::text::{bytes_text, counted, joined, shortened, time_text};
 use crate::plan::Plan;
 use crate::plan::advice::MachineNode;
+use crate::plan::layout::BlockRows;
 use crate::problem::case::Case;
 use crate::study::calibrate::CalibratedRun;
 use serde::Serialize;
@@ -52,12 +53,12 @@ struct RankLoad {
 
 impl RankLoad {
     fn new(case: &Case, plan: &Plan) -> Self {
-        let (layout, warp) = (&plan.layout, plan.warp.as_ref());
-        let (rows, split) = layout.rows(case, warp);
+        let (layout, work) = (&plan.layout, plan.work(case));
+        let BlockRows { own, exchange } = layout.rows(work);
         Self {
             ranks: layout.mesh.ranks() as f64,
-            cost: layout.cost(case, warp).max(f64::MIN_POSITIVE),
-            rows: rows + split,
+            cost: layout.cost(work).max(f64::MIN_POSITIVE),
+            rows: own + exchange,
         }
     }
 }

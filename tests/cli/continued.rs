@@ -258,7 +258,8 @@ fn what_cannot_go_on_is_refused() {
         of_case(command, "example1.toml").set(&small).set(&[&file]).set(settings)
     };
     let start = "time.start=0.2";
-    let rows: [(Job, &[&str]); 21] = [
+    let short = "solver.propagator={method='crank-nicolson',step=1e-9}";
+    let rows: [(Job, &[&str]); 23] = [
         (run("example1.toml").with(["--until", "0.5"]), &["--until 0.5", "--set time.end"]),
         (Job::new(["run", "--continue", "results"]), &["--until <TIME>"]),
         (on(path, 0.2), &["--until 0.2", "its results are at t = 0.2", "a later time"]),
@@ -281,6 +282,11 @@ fn what_cannot_go_on_is_refused() {
             &["time.start", "must be below time.end = 1"],
         ),
         (given("run", &["time.start=-1"]), &["time.start", "must be from 0"]),
+        (given("run", &[start, short]), &["solver.propagator.step", "a duration of"]),
+        (
+            given("run", &[start, "solver.warp.shift=1000"]),
+            &["solver.warp.shift", "times a duration of"],
+        ),
         (given("run", &[start, "initial.warped=w.h5"]), &["initial.f", "initial.warped"]),
         (given("advise", &[start]), &["initial.field", "advice takes other grids"]),
         (given("chart", &[start]), &["initial.field", "which a chart varies"]),

@@ -75,6 +75,7 @@ fn a_refused_case_is_reported_as_json() {
         ("solver.tolerence=1", "solver.tolerence", "", "did you mean"),
         ("initial.f=1/x + ln(v)", "initial.f", "1/x + ln(v)", "finite"),
         ("initial={table={file='none.csv'}}", "initial.table.file", "none.csv", "No such file"),
+        ("initial.field=none.h5", "initial.field", "none.h5", "No such file"),
         ("solver.tolerance=1e-16", "solver.tolerance", "1e-16", "round-off"),
     ];
     check_all(&rows, |(set, key, value, wording)| {

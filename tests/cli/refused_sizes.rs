@@ -71,6 +71,14 @@ fn long_transport_is_refused_before_the_potential_is_evaluated() {
     assert!(used < 1.0, "{}", finished.report(&format!("{used:.1} s of a processor")));
 }
 
+/// A classical run has no `S`, so that its rate is named.
+#[test]
+fn long_classical_runs_are_refused_for_their_rate() {
+    let settings = ["solver.method=classical", "time.end=1e12"];
+    let finished = of_case("plan", "example1.toml").set(&settings).run().expect("an end");
+    refused(&finished, &["time.end = 1e12", "that rate is"]).unwrap();
+}
+
 /// Cases with absurd scales, which are too long, too fast or too fine, are solved or refused.
 #[test]
 fn absurd_scales_are_solved_or_refused() {

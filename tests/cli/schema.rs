@@ -11,7 +11,7 @@ use crate::support::{case, change_hdf5, directory, run, text_of};
 use hdf5::types::{FixedAscii, FixedUnicode, VarLenUnicode};
 use phasewarp::base::checksum::{of_run, of_text};
 use phasewarp::parallel::communicator::World;
-use phasewarp::problem::case::Case;
+use phasewarp::problem::case::{Case, WarpedStart};
 use phasewarp::results::pictures;
 use phasewarp::results::start_field::origin;
 use phasewarp::results::table_file::with_tables;
@@ -357,7 +357,8 @@ impl Files {
                 origin(&world, start, field).map(drop)
             }
             FileReader::WarpedField => {
-                WarpedFile::new(&world, &path, &warped.space, "initial.warped").map(drop)
+                let start = WarpedStart { path, place: "initial.warped".to_owned() };
+                WarpedFile::new(&world, &start, &warped.space).map(drop)
             }
             FileReader::Table => with_tables(&world, table).map(drop),
         };

@@ -282,7 +282,7 @@ pub fn sheets_are_followed_together(world: &World) {
     let group = world.group();
     for (name, n, density, velocity, potential) in SHEETS {
         let case = sheet_case(n, density, velocity, potential);
-        let whole: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
+        let whole = case.space.space_ranges();
         for shared in 0..n {
             let mut share = whole.clone();
             share[shared] = split(&whole[shared], group.size(), group.rank());

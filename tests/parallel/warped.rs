@@ -13,7 +13,7 @@ use phasewarp::base::error::Error;
 use phasewarp::parallel::communicator::{Communicator, Group, World};
 use phasewarp::parallel::partition::{Block, ProcessMesh};
 use phasewarp::plan::Plan;
-use phasewarp::problem::case::Case;
+use phasewarp::problem::case::{Case, WarpedStart};
 use phasewarp::results::dataset::FileAttributes;
 use phasewarp::results::readback;
 use phasewarp::results::warped;
@@ -172,8 +172,8 @@ impl WarpedField<'_> {
         let datasets = readback::check(&group, path).expect("a file as written");
         let axes = self.case.space.shape().len();
         assert_eq!(datasets, axes + 4, "w, axes, p, case, plan");
-        let given =
-            WarpedFile::new(&group, path, &self.case.space, "here").expect("a warped field");
+        let start = WarpedStart { path: path.to_owned(), place: "here".to_owned() };
+        let given = WarpedFile::new(&group, &start, &self.case.space).expect("a warped field");
         let length = given.interval[1] - given.interval[0];
         assert!((length - self.series.period).abs() < 1e-13);
         if group.rank() == 0 {
@@ -252,6 +252,11 @@ struct Files<'a> {
 /// Valid points in `p`.
 const POINTS: [f64; 4] = [-1.0, -0.5, 0.0, 0.5];
 
+/// `initial.warped` with this file.
+fn start_at(path: &Path) -> WarpedStart {
+    WarpedStart { path: path.to_owned(), place: "initial.warped".to_owned() }
+}
+
 impl Files<'_> {
     /// Reads a file that `write` fills.
     fn given(&self, write: impl Fn(&File)) -> Result<WarpedFile, Error> {
@@ -259,7 +264,7 @@ impl Files<'_> {
             write(&File::create(&self.path).expect("a file"));
         }
         self.group.barrier();
-        let found = WarpedFile::new(self.group, &self.path, &self.case.space, "initial.warped");
+        let found = WarpedFile::new(self.group, &start_at(&self.path), &self.case.space);
         self.group.barrier();
         found
     }
@@ -312,7 +317,7 @@ pub fn warped_files_refused(world: &World) {
         (&shared.path, "is no file"),
         (&readme, "cannot be read as HDF5"),
     ] {
-        let found = WarpedFile::new(&group, path, &files.case.space, "initial.warped");
+        let found = WarpedFile::new(&group, &start_at(path), &files.case.space);
         check_refusal(&found.expect_err(message), message);
     }
     refused_contents(world, &files);

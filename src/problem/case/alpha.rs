@@ -31,22 +31,12 @@ pub enum Alpha {
 #[derive(Clone, PartialEq)]
 pub struct LeftExtension {
     text: String,
-    values: Piecewise,
-}
-
-impl LeftExtension {
     /// `e^{α(p) p}` to round-off, from the point where it is no longer negligible to 0.
-    pub fn values(&self) -> &Piecewise {
-        &self.values
-    }
+    pub values: Piecewise,
 }
 
 impl Alpha {
     /// Reads `solver.warp.alpha`.
-    ///
-    /// # Errors
-    /// [`Error::Input`](crate::base::error::Error::Input) for an invalid formula, and for an `α`
-    /// that [`of`](Self::of) refuses.
     pub(crate) fn read(file: &CaseFile<'_>, given: Option<&Formula>) -> Result<Self> {
         let key = "solver.warp.alpha";
         let Some(Formula(text)) = given else { return Ok(Self::Constant(DEFAULT_ALPHA)) };

@@ -90,10 +90,6 @@ fn key_of_grid_size(file: &CaseFile<'_>, pairs: usize) -> String {
 }
 
 /// The grid; `degree` is the default for axes that give none.
-///
-/// # Errors
-/// [`Error::Case`](crate::base::error::Error::Case) for a wrong number of axes, and for a value out
-/// of its limits.
 pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<PhaseSpace> {
     checked_degree(file, "scheme.degree", degree)?;
     if pairs.is_empty() || pairs.len() > MAX_DIMENSION {

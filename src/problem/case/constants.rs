@@ -17,10 +17,6 @@ const TAKEN: [&str; 12] = ["x", "y", "z", "v", "vx", "vy", "vz", "t", "p", "E", 
 pub type ConstantsTable = BTreeMap<String, Formula>;
 
 /// The values of a file's constants; they are read before all other keys.
-///
-/// # Errors
-/// [`crate::base::error::Error::Input`] for an invalid or reserved name, a formula with an unknown
-/// name, a constant that depends on itself, and a value that is not finite.
 pub fn evaluate(file: &CaseFile<'_>) -> Result<Constants> {
     let table: ConstantsTable = file.read_at("constants")?.unwrap_or_default();
     if table.len() > MOST {

@@ -1,10 +1,12 @@
 //! `[[potential]]`, `[initial]`, `[inflow]` and `[exact]`: the formulas and data files of a case.
 
 use crate::base::error::{Error, Result};
+use crate::base::refusal::Refusal;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{Formula, Item, List};
 use crate::problem::formula::Expression;
 use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::limits::COORDINATES;
 use crate::problem::table::Interpolation;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -14,7 +16,7 @@ use std::path::{Path, PathBuf};
 pub const MOST_FIELDS: usize = 1 + MAX_DIMENSION;
 
 /// Position of `t` among the coordinates `[x, y, z, vx, vy, vz, t]` of a formula.
-pub const TIME: usize = 6;
+pub const TIME: usize = COORDINATES - 1;
 
 /// A region of the potential. The first region whose condition holds at the centre of a cell gives
 /// `V` in that cell.
@@ -122,7 +124,8 @@ impl WarpedStart {
 
 /// The error that something is wrong with the file `path`, which a key at `place` names.
 fn wrong_file(place: &str, path: &Path, what: &dyn fmt::Display) -> Error {
-    Error::Input(format!("{place} = \"{}\": {what}", path.display()))
+    let path = format!("\"{}\"", path.display());
+    Error::Case(Box::new(Refusal::at_place(place, &path, &what.to_string())))
 }
 
 /// The function that a table in a file gives.
@@ -230,6 +233,11 @@ impl TableFile {
         *self == Self { checksum: self.checksum, place: self.place.clone(), ..other.clone() }
     }
 
+    /// The error that something is wrong with the file.
+    pub fn wrong(&self, what: &dyn fmt::Display) -> Error {
+        wrong_file(&self.place, &self.path, what)
+    }
+
     /// The expression that stands for the values until the file is read.
     fn unread(&self) -> Expression {
         let text = format!("the table {} of {}", self.dataset, self.path.display());
@@ -255,6 +263,22 @@ impl StartField {
     }
 }
 
+/// Relative errors of the grid; `None` where they are not known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GridErrorPair {
+    /// Of `f`, in L2.
+    pub field: Option<f64>,
+    /// Of the density, in L2; in L1 if particles showed it.
+    pub density: Option<f64>,
+}
+
+impl GridErrorPair {
+    /// The errors of `f` and of the density.
+    pub fn both(self) -> [Option<f64>; 2] {
+        [self.field, self.density]
+    }
+}
+
 /// The properties of a result from which a run continues.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ResultOrigin {
@@ -264,8 +288,8 @@ pub struct ResultOrigin {
     pub time: f64,
     /// Relative l2 distance of its `f` to the semi-discrete solution, if known.
     pub error: Option<f64>,
-    /// Relative errors of its `f` and of its density due to the grid, if known.
-    pub grid_errors: [Option<f64>; 2],
+    /// Its errors of the grid.
+    pub grid_errors: GridErrorPair,
     /// Whether its `f` was limited to positive values.
     pub positive: bool,
 }
@@ -413,7 +437,7 @@ enum ExactKind {
 }
 
 /// The names by which a formula may use each of the coordinates `[x, y, z, vx, vy, vz, t]`.
-pub type Names = [&'static [&'static str]; 7];
+pub type Names = [&'static [&'static str]; COORDINATES];
 
 /// Names of the coordinates of space.
 fn names_of_space(n: usize) -> Names {
@@ -461,10 +485,6 @@ fn required_formula(
 }
 
 /// The regions of `V` in `n` dimensions.
-///
-/// # Errors
-/// [`Error::Case`](crate::base::error::Error::Case) for no region, and for a region that is not
-/// valid.
 pub fn potential(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Result<Vec<Region>> {
     if tables.is_empty() {
         let message = "missing; at least one [[potential]] with value = \"…\"";
@@ -508,9 +528,6 @@ impl InflowTable {
 }
 
 /// The table files that a case in `n` dimensions names.
-///
-/// # Errors
-/// [`Error::Case`](crate::base::error::Error::Case) for a table that is not valid.
 pub fn tables(
     file: &CaseFile<'_>,
     potential: &[RegionTable],
@@ -527,10 +544,6 @@ pub fn tables(
 
 impl InitialTable {
     /// The fields to evolve in `n` dimensions, with their inflow.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for data that are missing, not valid or
-    /// given twice.
     pub fn check(
         &self,
         file: &CaseFile<'_>,
@@ -604,9 +617,6 @@ impl InitialTable {
     }
 
     /// The file that `initial.warped` names, if the case gives it.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for an empty path.
     pub fn start(&self, file: &CaseFile<'_>) -> Result<Option<WarpedStart>> {
         let path = path_of(file, "initial.warped", self.warped.as_ref(), "warped_f.h5")?;
         let place = file.place("initial.warped");
@@ -615,10 +625,6 @@ impl InitialTable {
 
     /// The file that `initial.field` names, if the case gives it. It may be given beside
     /// `initial.f`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for an empty path, beside `initial.warped`,
-    /// and for measure-valued data.
     pub fn field(&self, file: &CaseFile<'_>, data: &Data) -> Result<Option<StartField>> {
         let key = "initial.field";
         let Some(path) = path_of(file, key, self.field.as_ref(), "result.h5")? else {
@@ -649,16 +655,12 @@ fn path_of(
     if path.is_empty() {
         return file.refuse(key, format!("the path of a file expected, such as \"{example}\""));
     }
-    let directory = Path::new(file.name()).parent().unwrap_or(Path::new(""));
+    let directory = Path::new(file.name).parent().unwrap_or(Path::new(""));
     Ok(Some(directory.join(path)))
 }
 
 impl ExactTable {
     /// The exact solution that results are compared with.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for settings that exclude each other or the
-    /// data, and for a formula that is not valid.
     pub fn check(&self, file: &CaseFile<'_>, n: usize, data: &Data) -> Result<Option<Exact>> {
         if self.f.is_some() && data.is_measure() {
             return file.refuse(
@@ -676,9 +678,6 @@ impl ExactTable {
     }
 
     /// The times at which moments of the exact solution are computed.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) where there is no exact solution.
     pub fn times(&self, file: &CaseFile<'_>) -> Result<ExactTimes> {
         if self.moments.is_some() && self.kind.is_none() && self.f.is_none() {
             let message = "needs an exact solution; give exact.kind or exact.f, or leave it out";

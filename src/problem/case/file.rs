@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ops::{Range, RangeInclusive};
+use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -22,9 +23,12 @@ const MOST_SHOWN: usize = 120;
 /// A case file with its `--set` options applied.
 #[derive(Debug)]
 pub struct CaseFile<'t> {
-    name: &'t str,
-    text: &'t str,
-    overrides: &'t [String],
+    /// The name of the file.
+    pub(super) name: &'t str,
+    /// The text of the file.
+    pub(super) text: &'t str,
+    /// The `--set` options.
+    pub(super) overrides: &'t [String],
     root: DeValue<'t>,
     /// The constants that formulas may name; empty until `[constants]` is read.
     pub constants: Constants,
@@ -67,10 +71,6 @@ fn hint(text: &str, place: usize) -> &'static str {
 
 impl<'t> CaseFile<'t> {
     /// Parses `text` (the file `name`) and applies `--set` overrides in order.
-    ///
-    /// # Errors
-    /// [`Error::Input`] if the text is not TOML, or an override is not a `key=value` that fits the
-    /// file.
     pub fn parse(name: &'t str, text: &'t str, overrides: &'t [String]) -> Result<Self> {
         let root = DeValue::Table(DeTable::new());
         let mut file = CaseFile { name, text, overrides, root, constants: Constants::new() };
@@ -85,9 +85,10 @@ impl<'t> CaseFile<'t> {
         Ok(file)
     }
 
-    /// The name of the file.
-    pub fn name(&self) -> &str {
-        self.name
+    /// The name of the file without its directory.
+    pub(super) fn last_name(&self) -> String {
+        let name = Path::new(self.name).file_name().unwrap_or(self.name.as_ref());
+        name.to_string_lossy().into_owned()
     }
 
     /// The span that represents the `--set` of this number.
@@ -116,18 +117,12 @@ impl<'t> CaseFile<'t> {
     }
 
     /// Deserializes the whole file.
-    ///
-    /// # Errors
-    /// [`Error::Input`] for an unknown key, a value of a wrong type or an unknown choice.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T> {
         let root = KeyValue::new("", &self.root, &self.constants);
         T::deserialize(root).map_err(|mistake| self.report(mistake))
     }
 
     /// Deserializes the value of `key`, if it is given.
-    ///
-    /// # Errors
-    /// As [`read`](Self::read).
     pub fn read_at<T: DeserializeOwned>(&self, key: &str) -> Result<Option<T>> {
         let value = self.find(key).value.map(|value| KeyValue::new(key, value, &self.constants));
         value.map(T::deserialize).transpose().map_err(|mistake| self.report(mistake))
@@ -201,17 +196,11 @@ impl<'t> CaseFile<'t> {
     }
 
     /// Refuses the value of `key`.
-    ///
-    /// # Errors
-    /// [`Error::Input`] with its place, the value and `message`: what is allowed.
     pub fn refuse<T>(&self, key: &str, message: impl AsRef<str>) -> Result<T> {
         Err(self.error(key, message.as_ref()))
     }
 
     /// `value`, if it lies in `range`.
-    ///
-    /// # Errors
-    /// [`Error::Input`] with `message`, which names what is allowed.
     pub fn within(
         &self,
         key: &str,
@@ -223,17 +212,11 @@ impl<'t> CaseFile<'t> {
     }
 
     /// `value`, if it lies between these limits.
-    ///
-    /// # Errors
-    /// [`Error::Input`], which names the limits.
     pub fn between(&self, key: &str, value: f64, [least, most]: [f64; 2]) -> Result<f64> {
         self.within(key, value, least..=most, || format!("must be between {least} and {most}"))
     }
 
     /// `count`, if it is at least `least`.
-    ///
-    /// # Errors
-    /// [`Error::Input`], which names the least number.
     pub fn count(&self, key: &str, count: i64, least: usize) -> Result<usize> {
         match usize::try_from(count) {
             Ok(count) if count >= least => Ok(count),
@@ -242,18 +225,12 @@ impl<'t> CaseFile<'t> {
     }
 
     /// `value`, unless it is `None`.
-    ///
-    /// # Errors
-    /// [`Error::Input`] that says that `expected` is missing.
     pub fn required<T>(&self, key: &str, value: Option<T>, expected: &str) -> Result<T> {
         value.ok_or_else(|| self.error(key, &format!("missing; {expected} expected")))
     }
 
     /// The formula `text` of `key`; `names[i]` lists the names under which coordinate `i` may
     /// appear.
-    ///
-    /// # Errors
-    /// [`Error::Input`] that says what is wrong, and at which character.
     pub fn formula(&self, key: &str, text: &str, names: &[&[&str]]) -> Result<Expression> {
         Expression::parse(text, names, &self.constants)
             .map(|formula| formula.at(self.place(key)))

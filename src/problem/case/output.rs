@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::List;
 use crate::problem::grid::PhaseSpace;
-use crate::problem::limits::{CHUNK, LARGEST_P, MOST_CHUNKS};
+use crate::problem::limits::{CHUNK, LARGEST_RECOVERY, MOST_CHUNKS};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -101,9 +101,6 @@ pub struct OutputTable {
 
 impl OutputTable {
     /// Checks `recovery_points`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a number other than 1 and 2.
     pub fn recovery_points(&self, file: &CaseFile<'_>) -> Result<usize> {
         let key = "output.recovery_points";
         match file.count(key, self.recovery_points.unwrap_or(2), 1)? {
@@ -114,24 +111,39 @@ impl OutputTable {
 
     /// The output times of a `run` before its end. The start can be one of them only if its field
     /// is `known`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a time outside the run, and for too
-    /// many times.
     pub fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
-        let Range { start, end } = run;
-        let same = SAME_TIME * (end - start);
-        let inside = |time: f64| time == start || time > start + same && time < end - same;
-        let mut times: Vec<OutputTime> = Vec::new();
+        let mut times = self.listed(file, &run, known)?;
+        times.extend(self.repeated(file, &run, known)?);
+        let mut times = merged(times, shortest_distance(&run));
+        if times.len() > MOST_TIMES {
+            let message = format!("{} times in all; at most {MOST_TIMES}", times.len());
+            return file.refuse("output.moment_times", message);
+        }
+        let at_start = times.first().copied().filter(|first| first.time == run.start);
+        Ok(OutputTimes {
+            start: at_start,
+            between: times.split_off(usize::from(at_start.is_some())),
+        })
+    }
+
+    /// The times of `moment_times` and `field_times`.
+    fn listed(
+        &self,
+        file: &CaseFile<'_>,
+        run: &Range<f64>,
+        known: bool,
+    ) -> Result<Vec<OutputTime>> {
+        let mut times = Vec::new();
         let lists = [
             ("output.moment_times", &self.moment_times, false),
             ("output.field_times", &self.field_times, true),
         ];
         for (key, List(list), fields) in lists {
-            if let Some(time) = list.iter().find(|time| !inside(**time)) {
+            if let Some(time) = list.iter().find(|time| !is_before_end(run, **time)) {
                 let message = format!(
-                    "the time {time} given; times from {start} on and below time.end = {end} \
-                     expected; results at time.end are always written"
+                    "the time {time} given; times from {} on and below time.end = {} expected; \
+                     results at time.end are always written",
+                    run.start, run.end
                 );
                 return file.refuse(key, message);
             }
@@ -142,6 +154,18 @@ impl OutputTable {
             }
             times.extend(list.iter().map(|&time| OutputTime { time, fields }));
         }
+        Ok(times)
+    }
+
+    /// The times of `moments_every` and `fields_every`.
+    fn repeated(
+        &self,
+        file: &CaseFile<'_>,
+        run: &Range<f64>,
+        known: bool,
+    ) -> Result<Vec<OutputTime>> {
+        let Range { start, end } = *run;
+        let mut times = Vec::new();
         let intervals = [
             ("output.moments_every", self.moments_every, false),
             ("output.fields_every", self.fields_every, true),
@@ -159,38 +183,18 @@ impl OutputTable {
             times.extend((fields && known).then_some(OutputTime { time: start, fields }));
             let first = (start / every).floor();
             let multiples = (1..=MOST_TIMES + 1).map(|k| (first + k as f64) * every);
-            let multiples = multiples.filter(|&t| t > start && inside(t));
+            let multiples = multiples.filter(|&t| t > start && is_before_end(run, t));
             times.extend(multiples.map(|time| OutputTime { time, fields }));
         }
-        times.sort_by(|a, b| a.time.total_cmp(&b.time));
-        times.dedup_by(|later, earlier| {
-            let is_same = later.time - earlier.time <= same;
-            earlier.fields |= is_same && later.fields;
-            is_same
-        });
-        if times.len() > MOST_TIMES {
-            let message = format!("{} times in all; at most {MOST_TIMES}", times.len());
-            return file.refuse("output.moment_times", message);
-        }
-        let at_start = times.first().copied().filter(|first| first.time == start);
-        Ok(OutputTimes {
-            start: at_start,
-            between: times.split_off(usize::from(at_start.is_some())),
-        })
+        Ok(times)
     }
 
     /// Checks `plateau`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn plateau(&self, file: &CaseFile<'_>) -> Result<Option<Plateau>> {
         self.plateau.as_ref().map(|table| table.check(file)).transpose()
     }
 
     /// How the fields are stored.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn storage(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Storage> {
         Ok(Storage {
             compression: self.compression(file)?,
@@ -241,6 +245,28 @@ impl OutputTable {
     }
 }
 
+/// Output times of a run that are closer than this are merged.
+fn shortest_distance(run: &Range<f64>) -> f64 {
+    SAME_TIME * (run.end - run.start)
+}
+
+/// Whether results of a run may be written at `time`: at its start or between start and end.
+fn is_before_end(run: &Range<f64>, time: f64) -> bool {
+    let same = shortest_distance(run);
+    time == run.start || time > run.start + same && time < run.end - same
+}
+
+/// These times, ascending, one for each group that is `same` or less apart.
+fn merged(mut times: Vec<OutputTime>, same: f64) -> Vec<OutputTime> {
+    times.sort_by(|a, b| a.time.total_cmp(&b.time));
+    times.dedup_by(|later, earlier| {
+        let is_same = later.time - earlier.time <= same;
+        earlier.fields |= is_same && later.fields;
+        is_same
+    });
+    times
+}
+
 /// `output.plateau` as it is written.
 #[derive(Debug, Deserialize)]
 struct PlateauTable {
@@ -260,7 +286,7 @@ impl PlateauTable {
         }
         let ends = [("output.plateau.from", self.from), ("output.plateau.to", self.to)];
         for (key, value) in ends {
-            file.between(key, value.unwrap_or(0.0), [-LARGEST_P, LARGEST_P])?;
+            file.between(key, value.unwrap_or(0.0), [-LARGEST_RECOVERY, LARGEST_RECOVERY])?;
         }
         if let (Some(from), Some(to)) = (self.from, self.to)
             && from >= to

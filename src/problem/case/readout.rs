@@ -51,10 +51,6 @@ pub struct ReadoutTable {
 
 impl ReadoutTable {
     /// The measured observables on the grid `space`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a cell outside the grid, and for a
-    /// value out of its limits.
     pub fn check(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<ReadoutSettings> {
         Ok(ReadoutSettings {
             cells: self.cells(file, space)?,
@@ -135,7 +131,7 @@ impl ReadoutTable {
         let cell = |List(row): &List<f64>| -> Result<Vec<usize>> {
             let axes = space.x.iter().zip(row).enumerate();
             axes.map(|(a, (axis, &x))| {
-                let cell = if by_number { cell_of_number(axis, x) } else { cell_around(axis, x) };
+                let cell = if by_number { cell_of_number(axis, x) } else { axis.cell_holding(x) };
                 cell.map_or_else(
                     || {
                         let allowed = match by_number {
@@ -158,17 +154,4 @@ impl ReadoutTable {
 fn cell_of_number(axis: &Axis, x: f64) -> Option<usize> {
     let known = x.fract() == 0.0 && x >= 0.0 && x < axis.cells as f64;
     known.then_some(x as usize)
-}
-
-/// The cell of `axis` that holds the point `x`. In an element of a degree above 0 that is the cell
-/// of the nearest node. The upper end of the axis belongs to the last element.
-fn cell_around(axis: &Axis, x: f64) -> Option<usize> {
-    if x == axis.upper {
-        return Some(axis.cells - 1);
-    }
-    let element = cell_of_number(&axis.by_elements(), ((x - axis.lower) / axis.width()).floor())?;
-    let count = axis.nodes.count();
-    let cells = element * count..(element + 1) * count;
-    let distance = |cell: &usize| (axis.centre(*cell as i64) - x).abs();
-    cells.min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }

@@ -127,10 +127,6 @@ pub struct TimeTable {
 
 impl TimeTable {
     /// The times at which the run begins and ends.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for times that are missing or out of their
-    /// limits.
     pub fn check(&self, file: &CaseFile<'_>) -> Result<Range<f64>> {
         let end = file.required("time.end", self.end, "a number")?;
         let least = 1.0 / LARGEST_NUMBER;
@@ -160,7 +156,8 @@ const SHORTEST: f64 = 1e-6;
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct SchemeTable {
-    interface: Option<Interface>,
+    /// `interface`, if it is given.
+    pub interface: Option<Interface>,
     pub limiter: Limiter,
     /// `degree`: the default for every axis.
     pub degree: i64,
@@ -185,22 +182,17 @@ pub enum EndFlux {
 pub const DEFAULT_FLUX: f64 = 0.5;
 
 impl SchemeTable {
-    /// The interface law of the upwind scheme of degree 0. A scheme that couples `traces` by energy
+    /// The interface law of the upwind scheme of degree 0. A scheme that couples traces by energy
     /// has no such law. It conserves what the law `conservative` does, so it is reported by that
     /// name.
-    pub fn interface(&self, traces: bool) -> Interface {
-        if traces { Interface::Conservative } else { self.interface.unwrap_or_default() }
-    }
-
-    /// Whether the case file gives `scheme.interface`.
-    pub fn names_interface(&self) -> bool {
-        self.interface.is_some()
+    pub fn law(&self, couples_by_energy: bool) -> Interface {
+        match couples_by_energy {
+            true => Interface::Conservative,
+            false => self.interface.unwrap_or_default(),
+        }
     }
 
     /// The parameter `α` of the numerical flux between elements, from 0 (central) to 1 (upwind).
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn flux(&self, file: &CaseFile<'_>, degree: usize) -> Result<f64> {
         match self.flux {
             Some(flux) => file.between("scheme.flux", flux, [0.0, 1.0]),
@@ -227,9 +219,6 @@ pub struct SolverTable {
 
 impl SolverTable {
     /// Checks `tolerance`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn tolerance(&self, file: &CaseFile<'_>) -> Result<f64> {
         let tolerance = self.tolerance.unwrap_or(1e-6);
         if !(tolerance > 0.0 && tolerance <= LARGEST_TOLERANCE) {
@@ -240,9 +229,6 @@ impl SolverTable {
     }
 
     /// Checks `accuracy`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn accuracy(&self, file: &CaseFile<'_>) -> Result<Option<f64>> {
         if self.accuracy.is_some_and(|accuracy| !(accuracy > 0.0 && accuracy < 1.0)) {
             return file.refuse("solver.accuracy", "must be above 0 and below 1");
@@ -280,7 +266,7 @@ impl Propagation {
             ),
             Some(step) if !(time / step > 0.0 && time / step <= MOST_STEPS) => file.refuse(
                 key,
-                format!("must be above 0, and time.end = {time:e} at most {MOST_STEPS:e} steps"),
+                format!("must be above 0, and a duration of {time:e} at most {MOST_STEPS:e} steps"),
             ),
             _ => Ok(self),
         }
@@ -297,9 +283,6 @@ pub struct ClassicalTable {
 
 impl ClassicalTable {
     /// Checks `cfl`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn cfl(&self, file: &CaseFile<'_>) -> Result<f64> {
         let cfl = self.cfl.unwrap_or(DEFAULT_CFL);
         if !(cfl > 0.0 && cfl <= 1.0) {
@@ -345,9 +328,6 @@ pub struct CheckpointTable {
 
 impl CheckpointTable {
     /// Time between checkpoints; `None` if they are not made by the clock.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for a value out of its limits.
     pub fn check(&self, file: &CaseFile<'_>) -> Result<Option<Duration>> {
         const YEAR: f64 = 525_600.0;
         let minutes = self.minutes.unwrap_or(30.0);

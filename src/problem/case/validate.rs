@@ -139,7 +139,7 @@ impl Case {
                  set it to 0"
             ));
         }
-        if matches!(self.exact, Some(Exact::Characteristics)) {
+        if self.traces_exact() {
             return refuse(
                 "exact.kind = \"characteristics\" needs initial.f; leave it out, or give exact.f",
             );

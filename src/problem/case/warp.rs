@@ -6,7 +6,8 @@ use crate::problem::case::data::LiouvilleField;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::{Formula, List, NumberOr, Words};
 use crate::problem::limits::{
-    BETAS, CS, LARGEST_NUMBER, LARGEST_P, LARGEST_SHIFT, MOST_MODES, MOST_ORDER, SIGMAS,
+    BETAS, LARGEST_INTERVAL_END, LARGEST_NUMBER, LARGEST_RECOVERY, LARGEST_SHIFT, LOW_SOMMA_POINTS,
+    MOST_ORDER, MOST_POINTS, SIGMAS,
 };
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -193,14 +194,14 @@ impl Warp {
     /// The profile to plan. `Planned` becomes the Gaussian if a key is given that a designed
     /// profile does not take, as that one is not a function on the whole line.
     pub fn choice(&self) -> ProfileChoice {
-        match (&self.profile, self.by_hand()) {
+        match (&self.profile, self.key_without_design()) {
             (ProfileChoice::Planned, Some(_)) => ProfileChoice::Gaussian { sigma: None },
             (given, _) => given.clone(),
         }
     }
 
     /// The first given key that a designed profile does not take.
-    pub fn by_hand(&self) -> Option<&'static str> {
+    pub fn key_without_design(&self) -> Option<&'static str> {
         let sampled = self.coefficients == Coefficients::Sampled;
         let keys = [
             ("coefficients", sampled),
@@ -211,9 +212,6 @@ impl Warp {
     }
 
     /// Refuses embeddings that several fields cannot share, as there is one matrix for all fields.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for such an embedding.
     pub fn check_embedding(&self, file: &CaseFile<'_>, fields: &[LiouvilleField]) -> Result<()> {
         let key = "solver.warp.inflow";
         if fields.len() > 1 && fields.iter().any(LiouvilleField::varies) {
@@ -306,10 +304,6 @@ impl Words for ShiftWord {
 
 impl WarpTable {
     /// Checks the settings for a run of duration `time`.
-    ///
-    /// # Errors
-    /// [`Error::Case`](crate::base::error::Error::Case) for settings that exclude each other, and
-    /// for a value out of its limits.
     pub fn check(&self, file: &CaseFile<'_>, time: f64) -> Result<Warp> {
         let interval = self.interval(file)?;
         let warp = Warp {
@@ -325,7 +319,7 @@ impl WarpTable {
             shift: self.shift(file, time)?,
             share: self.share(file)?,
         };
-        match warp.by_hand() {
+        match warp.key_without_design() {
             Some(key) if warp.profile.is_series() => file.refuse(
                 &format!("solver.warp.{key}"),
                 "needs a profile that is a function on the whole line, and solver.warp.profile = \
@@ -371,9 +365,9 @@ impl WarpTable {
                 within("order", order as f64, [1.0, MOST_ORDER as f64])?;
                 ProfileChoice::Smooth { order }
             }
-            ProfileName::LowSomma => {
-                ProfileChoice::LowSomma { c: self.c.map(|c| within("c", c, CS)).transpose()? }
-            }
+            ProfileName::LowSomma => ProfileChoice::LowSomma {
+                c: self.c.map(|c| within("c", c, LOW_SOMMA_POINTS)).transpose()?,
+            },
             ProfileName::Acl => ProfileChoice::Acl {
                 beta: within("beta", self.beta.unwrap_or(DEFAULT_BETA), BETAS)?,
             },
@@ -382,8 +376,6 @@ impl WarpTable {
 
     /// Checks `solver.warp.interval`, `[L, R]`.
     fn interval(&self, file: &CaseFile<'_>) -> Result<Option<[f64; 2]>> {
-        /// Largest magnitude of a point in `p`.
-        const MOST_P: f64 = 1e9;
         let key = "solver.warp.interval";
         let Some(List(ends)) = &self.interval else { return Ok(None) };
         let &[lower, upper] = ends.as_slice() else {
@@ -396,9 +388,10 @@ impl WarpTable {
             );
             return file.refuse(key, message);
         }
-        if -lower > MOST_P || upper > MOST_P {
+        if -lower > LARGEST_INTERVAL_END || upper > LARGEST_INTERVAL_END {
             let message = format!(
-                "[{lower}, {upper}] given; ends between -{MOST_P:e} and {MOST_P:e} expected"
+                "[{lower}, {upper}] given; ends between -{LARGEST_INTERVAL_END:e} and \
+                 {LARGEST_INTERVAL_END:e} expected"
             );
             return file.refuse(key, message);
         }
@@ -407,7 +400,6 @@ impl WarpTable {
 
     /// Checks `solver.warp.points`, `N_p`.
     fn points(&self, file: &CaseFile<'_>) -> Result<Option<usize>> {
-        const MOST_POINTS: usize = 2 * MOST_MODES - 2;
         let key = "solver.warp.points";
         let Some(points) = self.points else { return Ok(None) };
         let points = file.count(key, points, 2)?;
@@ -422,7 +414,7 @@ impl WarpTable {
     fn recovery(&self, file: &CaseFile<'_>, interval: Option<[f64; 2]>) -> Result<Option<f64>> {
         let key = "solver.warp.recovery";
         let Some(point) = self.recovery else { return Ok(None) };
-        file.between(key, point, [0.0, LARGEST_P])?;
+        file.between(key, point, [0.0, LARGEST_RECOVERY])?;
         match interval {
             Some([_, upper]) if point >= upper => {
                 let message = format!("must be below the end of solver.warp.interval, {upper}");
@@ -471,8 +463,8 @@ impl WarpTable {
         let growth = shift * time;
         file.within(key, growth, -LARGEST_SHIFT..=LARGEST_SHIFT, || {
             format!(
-                "times time.end is {growth:.1}; from -{LARGEST_SHIFT} to {LARGEST_SHIFT} expected, \
-                 as e^{{shift T}} leaves no digits beyond"
+                "times a duration of {time:e} is {growth:.1}; from -{LARGEST_SHIFT} to \
+                 {LARGEST_SHIFT} expected, as e^{{shift T}} leaves no digits beyond"
             )
         })?;
         Ok(Shift::Given(shift))

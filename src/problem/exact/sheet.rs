@@ -25,11 +25,12 @@
 pub mod sums;
 
 use crate::base::error::{Error, Result};
+use crate::base::row_major::indices;
 use crate::problem::case::{Case, Data};
 use crate::problem::exact::sheet::sums::{Deposit, Line};
 use crate::problem::exact::{TracedPath, Tracer};
 use crate::problem::formula::Expression;
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, describe_point};
+use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION, PhaseSpace, describe_point};
 
 /// First boxes along each axis of a cell, by the number of dimensions.
 const BOXES: [usize; MAX_DIMENSION] = [16, 4, 2];
@@ -59,15 +60,10 @@ const BUDGET: [usize; MAX_DIMENSION] = [1 << 21, 1 << 23, 1 << 24];
 pub enum InitialSheet {
     /// `(x, w(x))` at time zero.
     Initial,
-    /// Inflow at an end of axis `axis`. The parameter `q_axis` is the time of entry at the upper
+    /// Inflow at an end of a space axis `a`. The parameter `q_a` is the time of entry at the upper
     /// end, and the time between entry and `T` at the lower end, so that in one dimension the
     /// sheets join in the order of `x`.
-    Entering {
-        /// The axis.
-        axis: usize,
-        /// Whether the end is the upper one.
-        upper: bool,
-    },
+    Entering(AxisEnd),
 }
 
 /// A box of parameters: centre and half-widths.
@@ -202,7 +198,7 @@ pub fn curve_points(case: &Case) -> usize {
     if case.space.dimension() > 1 {
         return 0;
     }
-    let sheets = [InitialSheet::Initial, InitialSheet::Entering { axis: 0, upper: false }];
+    let sheets = [InitialSheet::Initial, InitialSheet::Entering(AxisEnd { axis: 0, upper: false })];
     let [initial, entering] = sheets.map(|sheet| grid(case, sheet).0[0]);
     let ends = if case.space.is_periodic(0) { 0 } else { 2 };
     3 * (initial + ends * entering) / 2
@@ -216,10 +212,9 @@ fn grid(case: &Case, sheet: InitialSheet) -> (Vec<usize>, Vec<f64>) {
     let boxes = |a: &Axis| boxes * a.nodes.count();
     let mut counts: Vec<_> = axes.iter().map(|a| a.elements() * boxes(a)).collect();
     let mut width: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
-    if let InitialSheet::Entering { axis, .. } = sheet {
+    if let InitialSheet::Entering(AxisEnd { axis, .. }) = sheet {
         // The fastest particles cross one box of space in one interval of entry times.
-        let v = &case.space.v[axis];
-        let fastest = v.lower.abs().max(v.upper.abs());
+        let fastest = case.space.v[axis].largest_magnitude();
         let times = (case.end * fastest / width[axis]).ceil().max(1.0);
         counts[axis] = (times as usize).min(4 * counts[axis]);
         width[axis] = case.end / counts[axis] as f64;
@@ -254,7 +249,7 @@ impl<'a> Sheets<'a> {
     pub fn all(&self) -> Vec<InitialSheet> {
         let ends = |upper: bool| {
             let open = (0..self.space().dimension()).filter(|&a| !self.space().is_periodic(a));
-            open.map(move |axis| InitialSheet::Entering { axis, upper })
+            open.map(move |axis| InitialSheet::Entering(AxisEnd { axis, upper }))
         };
         ends(false).chain([InitialSheet::Initial]).chain(ends(true)).collect()
     }
@@ -308,13 +303,10 @@ impl<'a> Sheets<'a> {
             depth: [0; MAX_DIMENSION],
             tears: 0,
         };
-        let mut rest = self.number;
-        for a in (0..n).rev() {
-            let k = rest % counts[a];
-            rest /= counts[a];
+        for (a, k) in indices(self.number, counts).into_iter().enumerate() {
             piece.half[a] = 0.5 * width[a];
             piece.centre[a] = match sheet {
-                InitialSheet::Entering { axis, .. } if axis == a => (k as f64 + 0.5) * width[a],
+                InitialSheet::Entering(end) if end.axis == a => (k as f64 + 0.5) * width[a],
                 // Counted from the face of the element, so that sides lie on faces to round-off.
                 _ => {
                     let axis = &self.space().x[a];
@@ -330,8 +322,7 @@ impl<'a> Sheets<'a> {
     /// The value of a formula at a point and a time. The first that is not finite becomes the
     /// error, and 0 is returned for it.
     fn value(&mut self, formula: &Expression, point: &[f64; 6], time: f64) -> f64 {
-        let [x, y, z, vx, vy, vz] = *point;
-        let value = formula.eval(&[x, y, z, vx, vy, vz, time]);
+        let value = formula.at_point(point, time);
         if !value.is_finite() {
             let place = describe_point(self.space().dimension(), point);
             self.failure.get_or_insert_with(|| formula.undefined(value, place));
@@ -347,7 +338,7 @@ impl<'a> Sheets<'a> {
         let mut point = [0.0; 6];
         point[..n].copy_from_slice(&q[..n]);
         let (mut data_at, mut time) = (point, self.case.end);
-        if let InitialSheet::Entering { axis, upper } = sheet {
+        if let InitialSheet::Entering(AxisEnd { axis, upper }) = sheet {
             let x = &self.space().x[axis];
             point[axis] = if upper { x.upper } else { x.lower };
             data_at[axis] = x.just_outside(upper);
@@ -362,7 +353,7 @@ impl<'a> Sheets<'a> {
         let phi = &self.case.fields[0];
         let density = match sheet {
             InitialSheet::Initial => self.value(&phi.initial, &data_at, start),
-            InitialSheet::Entering { axis, upper } => {
+            InitialSheet::Entering(AxisEnd { axis, upper }) => {
                 let inwards = if upper { -point[3 + axis] } else { point[3 + axis] };
                 if inwards > 0.0 {
                     inwards * self.value(phi.entering(), &data_at, start)

@@ -669,6 +669,24 @@ fn corners_and_diagonals() {
     assert!((foot.entry - 1.5).abs() < 1e-12, "{foot:?}");
 }
 
+/// Behind `x = 0` lies a potential that is zero at the centre of the first row of cells along the
+/// periodic axis y, and jumps in the row beside it across the seam only.
+#[test]
+fn a_jump_beside_a_seam_changes_energy() {
+    let text = "[[axis]]\nx = { lower = -1, upper = 1, cells = 4 }\n\
+                v = { lower = -1, upper = 1, cells = 4 }\n\
+                [[axis]]\nx = { lower = 0, upper = 1, cells = 10, boundary = \"periodic\" }\n\
+                v = { lower = -1, upper = 1, cells = 4 }\n\
+                [[potential]]\nwhere = \"x > 0 && y < 0.1\"\nvalue = \"0.3*(y - 0.05)\"\n\
+                [[potential]]\nwhere = \"x > 0 && y > 0.9\"\nvalue = \"0.3*(y - 1.05)\"\n\
+                [[potential]]\nvalue = \"0\"\n[initial]\nf = \"1\"\n[time]\nend = 1.0\n";
+    let case = Case::parse("seam", text, &[]).expect("a case");
+    let tracer = Tracer::new(&case).expect("a tracer").forward();
+    let found = tracer.follow(&[-0.01, 0.09, 0.0, 0.5, 0.0, 0.0], 0.05);
+    let square = found.point[3] * found.point[3];
+    assert!((square - (0.25 - 2.0 * 0.3 * 0.04)).abs() < 1e-12, "{found:?}");
+}
+
 /// A line that is periodic with period 2, or `copies` of it to both sides in a box with ends; the
 /// second axis, where there is one, has ends. `V` has a slope, a jump inside and one at the end.
 fn periodic_or_unrolled(n: usize, copies: Option<i64>) -> Case {

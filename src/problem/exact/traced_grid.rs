@@ -11,7 +11,7 @@ const EDGE_ON_FACE: f64 = 1e-9;
 /// Up to this many edges across an axis are taken for sides of boxes, on which faces are placed.
 const FEW_EDGES: usize = 8;
 /// Degree of the elements with which curvature of `V` is detected.
-const BENT: usize = 2;
+const CURVATURE_DEGREE: usize = 2;
 
 /// By space cell, row-major: the number of layers of cells around it that are, like itself, free of
 /// slopes and jumps.
@@ -157,12 +157,12 @@ fn cut_elements(
 
 /// Whether `V` is curved within any element of the case.
 fn is_curved(case: &Case) -> Result<bool> {
-    if case.space.x.iter().all(|axis| axis.nodes.degree >= BENT) {
+    if case.space.x.iter().all(|axis| axis.nodes.degree >= CURVATURE_DEGREE) {
         return Ok(Potential::whole(case)?.is_curved(&case.space));
     }
     let mut space = case.space.by_elements();
     for axis in &mut space.x {
-        *axis = axis.clone().with_nodes(Nodes::of_space(BENT));
+        *axis = axis.clone().with_nodes(Nodes::of_space(CURVATURE_DEGREE));
     }
     let case = Case { space, ..case.clone() };
     Ok(Potential::whole(&case)?.is_curved(&case.space))

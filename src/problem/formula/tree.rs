@@ -1,5 +1,6 @@
 //! A formula as a tree of operators and functions, and its values at one point or at many.
 
+use crate::problem::limits::COORDINATES;
 use crate::problem::table::Table;
 use std::sync::Arc;
 
@@ -7,8 +8,6 @@ use std::sync::Arc;
 pub(super) const LANES: usize = 16;
 /// One number for each of these points.
 pub(super) type FormulaLanes = [f64; LANES];
-/// Number of coordinates of phase space and time.
-pub(super) const COORDINATES: usize = 7;
 
 /// A function of one number.
 type Unary = fn(f64) -> f64;

@@ -96,10 +96,15 @@ impl Axis {
         }
     }
 
+    /// Largest magnitude of a point of the box.
+    pub fn largest_magnitude(&self) -> f64 {
+        self.lower.abs().max(self.upper.abs())
+    }
+
     /// The position just outside of the box at its lower or upper end, where what enters there is
     /// evaluated: a formula such as `1 if x > upper else 0` holds there.
     pub fn just_outside(&self, at_upper: bool) -> f64 {
-        let step = 8.0 * f64::EPSILON * self.lower.abs().max(self.upper.abs());
+        let step = 8.0 * f64::EPSILON * self.largest_magnitude();
         if at_upper { self.upper + step } else { self.lower - step }
     }
 
@@ -226,6 +231,11 @@ impl Axis {
         element * count + nearest
     }
 
+    /// The [`cell_at`](Self::cell_at) `point`; `None` beyond the ends of the axis.
+    pub fn cell_holding(&self, point: f64) -> Option<usize> {
+        (self.lower..=self.upper).contains(&point).then(|| self.cell_at(point))
+    }
+
     /// The point `twice` half elements above the lower end: a face for an even number, a centre for
     /// an odd one. A mirrored axis has exactly mirrored points.
     fn point(&self, twice: f64) -> f64 {
@@ -275,5 +285,27 @@ impl Axis {
     /// Cell centres, in order.
     pub fn centres(&self) -> Vec<f64> {
         (0..self.cells as i64).map(|j| self.centre(j)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_point_just_below_the_upper_end_is_in_the_last_cell() {
+        let axis = Axis::new(-1.0, 1.0, 10);
+        let below = axis.upper.next_down();
+        // The distance from the lower end rounds to the whole length.
+        assert_eq!((below - axis.lower) / axis.width(), 10.0);
+        for axis in [axis.clone(), axis.with_nodes(Nodes::of_space(2))] {
+            for point in [below, axis.upper] {
+                assert_eq!(axis.cell_holding(point), Some(axis.cells - 1));
+            }
+            assert_eq!(axis.cell_holding(axis.lower), Some(0));
+            assert_eq!(axis.cell_holding(axis.lower.next_down()), None);
+            assert_eq!(axis.cell_holding(axis.upper.next_up()), None);
+            assert_eq!(axis.cell_holding(f64::NAN), None);
+        }
     }
 }

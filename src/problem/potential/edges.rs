@@ -21,15 +21,15 @@ pub struct RegionWidth {
 /// largest on any line, so that a disc is as wide as its diameter. Returned is the least width over
 /// the axes.
 pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
-    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
-    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
     if case.potential.len() == 1 {
         return Vec::new();
     }
+    let space = case.space.by_elements();
+    let axes = &space.x;
     let mut regions = Vec::new();
-    for_each_cell(&ranges, |i| {
+    for_each_cell(&space.space_ranges(), |i| {
         // Undefined conditions are reported by `Potential::new`.
-        regions.push(region(&case.potential, &space_point(&axes, i)).unwrap_or(0));
+        regions.push(region(&case.potential, &space_point(axes, i)).unwrap_or(0));
     });
     let mut least: Vec<Option<RegionWidth>> = vec![None; case.potential.len()];
     for (axis, along) in axes.iter().enumerate() {
@@ -62,13 +62,8 @@ fn inner_runs(mut line: Vec<usize>, periodic: bool) -> Vec<[usize; 2]> {
         let Some(change) = line.windows(2).position(|w| w[0] != w[1]) else { return Vec::new() };
         line.rotate_left(change + 1);
     }
-    let mut runs: Vec<[usize; 2]> = Vec::new();
-    for region in line {
-        match runs.last_mut() {
-            Some([last, elements]) if *last == region => *elements += 1,
-            _ => runs.push([region, 1]),
-        }
-    }
+    let runs = line.chunk_by(|a, b| a == b);
+    let mut runs: Vec<[usize; 2]> = runs.map(|run| [run[0], run.len()]).collect();
     if !periodic {
         runs.pop();
         runs.drain(..runs.len().min(1));
@@ -111,6 +106,10 @@ const SCANNED: [usize; 3] = [4096, 256, 48];
 /// of a curved edge. Pieces narrower than the distance of the `SCANNED` points may be missed.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     const MOST: usize = 64;
+    let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); case.space.dimension()];
+    if is_one_piece(&case.potential) {
+        return found;
+    }
     let scanned = SCANNED[case.space.dimension() - 1];
     let finer = |axis: &Axis| {
         let elements = axis.elements();
@@ -119,10 +118,6 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     let axes: Vec<Axis> = case.space.x.iter().map(finer).collect();
     let axes = &axes;
     let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
-    let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); axes.len()];
-    if is_one_piece(&case.potential) {
-        return found;
-    }
     // Where a condition is undefined, there is no piece.
     let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
     for_each_cell(&ranges, |i| {
@@ -154,17 +149,16 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
 /// Searches lines through cell centres for edges of regions and of tables, and finds regions that
 /// contain no centre.
 pub fn unresolved_regions(case: &Case) -> UnresolvedRegions {
-    let axes: Vec<Axis> = case.space.x.iter().map(Axis::by_elements).collect();
-    let axes = &axes;
-    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
-    let mut found: Vec<StrayEdge> = Vec::new();
-    let mut used = vec![false; case.potential.len()];
     if is_one_piece(&case.potential) {
         return UnresolvedRegions::default();
     }
+    let space = case.space.by_elements();
+    let axes = &space.x;
+    let mut found: Vec<StrayEdge> = Vec::new();
+    let mut used = vec![false; case.potential.len()];
     // Undefined conditions are reported by `Potential::new`.
     let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
-    for_each_cell(&ranges, |i| {
+    for_each_cell(&space.space_ranges(), |i| {
         let centre = space_point(axes, i);
         let own = at(&centre);
         used[own.map_or(0, |piece| piece.region)] = true;

@@ -3,7 +3,7 @@
 use crate::base::bisect::bisect;
 use crate::problem::case::{Case, Region};
 use crate::problem::grid::Axis;
-use crate::problem::potential::pieces::{ElementLines, energy_scale, region};
+use crate::problem::potential::pieces::{energy_scale, region, space_point, spread};
 
 /// Largest number of elements that are examined. On a larger grid they are spread evenly.
 const MOST_ELEMENTS: usize = 1 << 18;
@@ -17,7 +17,7 @@ const HALVINGS: usize = 40;
 /// Positions closer than this, in elements, are the same.
 const ONE_PLACE: f64 = 1e-2;
 /// Jumps below this part of the largest `v²/2` of the box are ignored.
-const FELT: f64 = 1e-3;
+const LEAST_JUMP: f64 = 1e-3;
 
 /// A point on an edge that is oblique to the axes.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,14 +36,14 @@ pub fn oblique_edges(case: &Case) -> Vec<ObliqueEdge> {
         return Vec::new();
     }
     let mut edges = vec![0; found.len()];
-    let lines = ElementLines::new(&case.space);
-    let felt = FELT * energy_scale(&case.space);
+    let axes = &case.space.by_elements().x;
+    let least_jump = LEAST_JUMP * energy_scale(&case.space);
     let at = |point: &[f64; 6]| region(&case.potential, point).ok();
-    for element in lines.spread(MOST_ELEMENTS) {
-        let centre = lines.centre(&element);
-        for a in (0..n).filter(|&a| element[a] + 1 < lines.axes[a].cells) {
+    for element in spread(axes, MOST_ELEMENTS) {
+        let centre = space_point(axes, &element);
+        for a in (0..n).filter(|&a| element[a] + 1 < axes[a].cells) {
             let mut next = centre;
-            next[a] = lines.axes[a].centre(element[a] as i64 + 1);
+            next[a] = axes[a].centre(element[a] as i64 + 1);
             let (Some(own), Some(other)) = (at(&centre), at(&next)) else { continue };
             let key = own.min(other);
             if own == other || found[key].is_some() || edges[key] >= MOST_EDGES {
@@ -52,12 +52,12 @@ pub fn oblique_edges(case: &Case) -> Vec<ObliqueEdge> {
             edges[key] += 1;
             let edge = Edge {
                 regions: &case.potential,
-                axes: &lines.axes,
+                axes,
                 axis: a,
                 sides: [own, other],
                 ends: [centre[a], next[a]],
             };
-            found[key] = edge.oblique_near(&centre).filter(|point| edge.jump(point) > felt);
+            found[key] = edge.oblique_near(&centre).filter(|point| edge.jump(point) > least_jump);
         }
     }
     let places = found.into_iter().enumerate();

@@ -64,40 +64,28 @@ pub(super) fn element_centre(axes: &[Axis], i: &[usize]) -> [f64; 6] {
 
 /// The largest `v²/2` along an axis of the box: the scale of differences of `V`.
 pub(super) fn energy_scale(space: &PhaseSpace) -> f64 {
-    let fastest = space.v.iter().map(|v| v.lower.abs().max(v.upper.abs()));
+    let fastest = space.v.iter().map(Axis::largest_magnitude);
     fastest.fold(0.0, |most: f64, v| most.max(0.5 * v * v))
 }
 
-/// The elements of space, and lines through their centres.
-pub(super) struct ElementLines {
-    /// The axes, by elements.
-    pub(super) axes: Vec<Axis>,
-}
-
-impl ElementLines {
-    pub(super) fn new(space: &PhaseSpace) -> Self {
-        Self { axes: space.x.iter().map(Axis::by_elements).collect() }
-    }
-
-    pub(super) fn centre(&self, element: &[usize; MAX_DIMENSION]) -> [f64; 6] {
-        space_point(&self.axes, element)
-    }
-
-    /// All elements; if there are more than `most`, that many, spread over the grid.
-    pub(super) fn spread(&self, most: usize) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
-        /// The golden section, whose multiples modulo 1 fill `[0, 1)` evenly.
-        const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        let all: usize = self.axes.iter().map(|axis| axis.cells).product();
-        let index = move |k: usize| match all <= most {
-            true => k,
-            false => ((k as f64 * GOLDEN).fract() * all as f64) as usize,
-        };
-        (0..all.min(most)).map(index).map(|mut index| {
-            let mut element = [0; MAX_DIMENSION];
-            for (at, axis) in element.iter_mut().zip(&self.axes).rev() {
-                (*at, index) = (index % axis.cells, index / axis.cells);
-            }
-            element
-        })
-    }
+/// All elements of `axes`, which have degree 0; if there are more than `most`, that many, spread
+/// over the grid.
+pub(super) fn spread(
+    axes: &[Axis],
+    most: usize,
+) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
+    /// The golden section, whose multiples modulo 1 fill `[0, 1)` evenly.
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let all: usize = axes.iter().map(|axis| axis.cells).product();
+    let index = move |k: usize| match all <= most {
+        true => k,
+        false => ((k as f64 * GOLDEN).fract() * all as f64) as usize,
+    };
+    (0..all.min(most)).map(index).map(move |mut index| {
+        let mut element = [0; MAX_DIMENSION];
+        for (at, axis) in element.iter_mut().zip(axes).rev() {
+            (*at, index) = (index % axis.cells, index / axis.cells);
+        }
+        element
+    })
 }

@@ -5,7 +5,7 @@ use crate::base::quadrature::gauss_legendre;
 use crate::problem::case::{Case, Region};
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::MAX_DIMENSION;
-use crate::problem::potential::pieces::{ElementLines, energy_scale, piece, region};
+use crate::problem::potential::pieces::{energy_scale, piece, region, space_point, spread};
 
 /// Number of points of an element, along each axis, at which both are compared.
 const POINTS: usize = 12;
@@ -13,9 +13,9 @@ const POINTS: usize = 12;
 /// evenly.
 const MOST_LINES: usize = 1 << 16;
 /// Differences below this part of the range of `V` in the region are ignored.
-const NOTICED: f64 = 0.01;
+const LEAST_DIFFERENCE: f64 = 0.01;
 /// Differences below this part of the largest `v²/2` of the box are ignored.
-const NOTICED_PART_OF_ENERGY: f64 = 1e-3;
+const LEAST_PART_OF_ENERGY: f64 = 1e-3;
 
 /// The point of a region at which the scheme's approximation of `V` is farthest from the formula.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -120,9 +120,9 @@ pub fn largest_mismatches(case: &Case) -> Vec<PotentialMismatch> {
     let none: [Differences; MAX_DIMENSION] = Default::default();
     let mut found = vec![none; case.potential.len()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; found.len()];
-    let lines = ElementLines::new(&case.space);
-    for element in lines.spread(MOST_LINES / taken.len()) {
-        let centre = lines.centre(&element);
+    let axes = &case.space.by_elements().x;
+    for element in spread(axes, MOST_LINES / taken.len()) {
+        let centre = space_point(axes, &element);
         // Undefined conditions are reported by `Potential::new`.
         let Some(own) = piece(&case.potential, &centre).ok().filter(|p| p.constant.is_none())
         else {
@@ -141,7 +141,7 @@ pub fn largest_mismatches(case: &Case) -> Vec<PotentialMismatch> {
         }
     }
     let limits = ranges.into_iter().map(|[least, most]| {
-        (NOTICED * (most - least)).max(NOTICED_PART_OF_ENERGY * energy_scale(&case.space))
+        (LEAST_DIFFERENCE * (most - least)).max(LEAST_PART_OF_ENERGY * energy_scale(&case.space))
     });
     let regions = found.into_iter().zip(limits);
     regions

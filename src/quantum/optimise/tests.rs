@@ -306,7 +306,7 @@ fn all_candidates() -> Vec<ProfileCandidate> {
         (0..=150).map(move |i| least * (most / least).powf(f64::from(i) / 150.0))
     };
     let sigmas = ratios(SIGMAS).map(|s| ProfileChoice::Gaussian { sigma: Some(s) });
-    let cs = ratios(CS).map(|c| ProfileChoice::LowSomma { c: Some(c) });
+    let cs = ratios(LOW_SOMMA_POINTS).map(|c| ProfileChoice::LowSomma { c: Some(c) });
     let whole = sigmas.chain(cs).chain(DEFAULTS).map(ProfileCandidate::planned);
     let betas = ratios(BETAS).map(|beta| ProfileChoice::Acl { beta });
     let alphas = ratios(ALPHAS).map(exponential);

@@ -361,62 +361,64 @@ impl<'a, DB: DrawingBackend> PlotArea<'a, DB> {
         })
     }
 
+    /// The labels of a layer, each with the places where it may be drawn, the best first. `rows`
+    /// are the heights of labels one below the other.
+    fn labels<'l>(&self, layer: &'l Layer, rows: &[f64]) -> Vec<(&'l str, Vec<PixelPoint>)> {
+        let [right, bottom] = self.end;
+        let points = |length: f64| length * PIXELS;
+        match layer {
+            Layer::Vertical { label, at } => {
+                let x = self.x(*at);
+                vec![(label, rows.iter().map(|y| [x, *y]).collect())]
+            }
+            Layer::Horizontal { label, at } => {
+                let y = self.y(*at);
+                let mut sides = [y - points(8.0), y + points(8.0)];
+                if y <= points(14.0) {
+                    sides.reverse();
+                }
+                let along = (0..8).map(|part| right * f64::from(part) / 8.0);
+                vec![(label, along.flat_map(|x| sides.map(|y| [x, y])).collect())]
+            }
+            Layer::Band { label, from } => {
+                let [a, b] = self.band(*from);
+                let label = if b > a { label } else { "" };
+                let lowest = std::iter::once(bottom - points(9.0));
+                vec![(label, lowest.chain(rows.iter().rev().copied()).map(|y| [a, y]).collect())]
+            }
+            Layer::Bars { bars, .. } => {
+                let label = |(k, (bar, label)): (usize, &'l ([f64; 2], String))| {
+                    let [high, low] = self.bar(k, *bar);
+                    (label.as_str(), vec![[low[0], 0.5 * (high[1] + low[1])]])
+                };
+                bars.iter().enumerate().map(label).collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
     /// Draws labels of lines, bands and bars, where they cover no data if there is such a place.
     /// Those of vertical lines are one below the other.
     fn notes(&self) -> Drawn {
         let [right, bottom] = self.end;
-        let points = |length: f64| length * PIXELS;
+        let rows: Vec<f64> = (0..)
+            .map(|k| (9.0 + 13.0 * f64::from(k)) * PIXELS)
+            .take_while(|y| *y <= bottom - 9.0 * PIXELS)
+            .collect();
         let mut taken: Vec<[PixelPoint; 2]> = Vec::new();
-        // A note is drawn at the first of `places` where it covers no data and no other note.
-        let mut note = |label: &str, places: &[PixelPoint]| {
+        let layers = self.frame.panel.layers.iter();
+        for (label, places) in layers.flat_map(|layer| self.labels(layer, &rows)) {
             let grounds = places.iter().filter(|place| self.holds(**place));
             let grounds: Vec<(&PixelPoint, [PixelPoint; 2])> =
                 grounds.map(|place| (place, text::ground(label, *place, right))).collect();
+            // The first place where it covers no data and no other label.
             let free = |(_, ground): &&(&PixelPoint, [PixelPoint; 2])| {
                 !taken.iter().any(|other| overlap(ground, other)) && self.is_free(*ground)
             };
-            match grounds.iter().find(free).or(grounds.first()) {
-                Some((place, ground)) if !label.is_empty() => {
-                    taken.push(*ground);
-                    text::note(&self.area, label, **place, right)
-                }
-                _ => Ok(()),
-            }
-        };
-        let rows: Vec<f64> = (0..)
-            .map(|k| points(9.0 + 13.0 * f64::from(k)))
-            .take_while(|y| *y <= bottom - points(9.0))
-            .collect();
-        for layer in &self.frame.panel.layers {
-            match layer {
-                Layer::Vertical { label, at } => {
-                    let x = self.x(*at);
-                    note(label, &rows.iter().map(|y| [x, *y]).collect::<Vec<_>>())?;
-                }
-                Layer::Horizontal { label, at } => {
-                    let y = self.y(*at);
-                    let mut sides = [y - points(8.0), y + points(8.0)];
-                    if y <= points(14.0) {
-                        sides.reverse();
-                    }
-                    let along = (0..8).map(|part| right * f64::from(part) / 8.0);
-                    let places = along.flat_map(|x| sides.map(|y| [x, y]));
-                    note(label, &places.collect::<Vec<_>>())?;
-                }
-                Layer::Band { label, from } => {
-                    let [a, b] = self.band(*from);
-                    let label = if b > a { label } else { "" };
-                    let lowest = std::iter::once(bottom - points(9.0));
-                    let places = lowest.chain(rows.iter().rev().copied()).map(|y| [a, y]);
-                    note(label, &places.collect::<Vec<_>>())?;
-                }
-                Layer::Bars { bars, .. } => {
-                    for (k, (bar, label)) in bars.iter().enumerate() {
-                        let [high, low] = self.bar(k, *bar);
-                        note(label, &[[low[0], 0.5 * (high[1] + low[1])]])?;
-                    }
-                }
-                _ => {}
+            let found = grounds.iter().find(free).or(grounds.first());
+            if let Some((place, ground)) = found.filter(|_| !label.is_empty()) {
+                text::note(&self.area, label, **place, right)?;
+                taken.push(*ground);
             }
         }
         Ok(())

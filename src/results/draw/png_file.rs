@@ -1,5 +1,7 @@
 //! Pixels as a PNG file.
 
+use crate::results::FileResult;
+
 /// A PNG file of `size` pixels of eight bits a channel.
 ///
 /// # Errors
@@ -8,7 +10,7 @@ pub fn png_file(
     size: [u32; 2],
     pixels: &[u8],
     configure: impl FnOnce(&mut png::Encoder<'_, &mut Vec<u8>>),
-) -> std::result::Result<Vec<u8>, String> {
+) -> FileResult<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, size[0], size[1]);
     encoder.set_depth(png::BitDepth::Eight);

@@ -2,6 +2,7 @@
 
 use crate::base::disk::failure;
 use crate::base::error::Result;
+use crate::results::FileResult;
 use crate::results::draw::Sheet;
 use crate::results::draw::panel::colours;
 use crate::results::draw::png_file::png_file;
@@ -43,7 +44,7 @@ impl Figure {
 }
 
 /// Draws at twice the size, as for all figures, and averages.
-fn raster(figure: &Figure) -> std::result::Result<Raster, String> {
+fn raster(figure: &Figure) -> FileResult<Raster> {
     const _: () = assert!(PIXELS == 2.0);
     let sheet = Sheet::new(figure);
     let size = sheet.size.map(|length| (length as usize).next_multiple_of(2));
@@ -138,7 +139,7 @@ impl Palette {
     ///
     /// # Errors
     /// A sentence that says why it cannot be written.
-    pub fn png(&mut self, raster: &Raster) -> std::result::Result<Vec<u8>, String> {
+    pub fn png(&mut self, raster: &Raster) -> FileResult<Vec<u8>> {
         let numbers = self.numbers(raster);
         png_file(raster.size.map(|length| length as u32), &numbers, |encoder| {
             encoder.set_color(png::ColorType::Indexed);

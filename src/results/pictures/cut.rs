@@ -65,7 +65,7 @@ impl Cut {
 
     /// The sentence of a caption about a [usual](Self::usual) cut; empty for other cuts.
     pub fn sentence(&self, run: &StoredRun) -> &'static str {
-        match (self.by_data, run.has("phi")) {
+        match (self.by_data, run.is_measure()) {
             (false, _) => "",
             (true, true) => " Planes go through the largest density, at the mean velocity there.",
             (true, false) => " Planes go through the largest density, and the largest |f| there.",
@@ -107,29 +107,23 @@ impl Cut {
                 .trim()
                 .parse()
                 .map_err(|_| wrong(format!("\"{}\" is not a number", place.trim())))?;
-            if !(axis.lower..=axis.upper).contains(&place) {
-                let (lower, upper) = (axis.lower, axis.upper);
-                let name = names[a];
-                return Err(wrong(format!("{name} goes from {lower} to {upper}")));
-            }
-            cut.cells[a] = axis.cell_at(place);
+            cut.cells[a] = axis.cell_holding(place).ok_or_else(|| {
+                wrong(format!("{} goes from {} to {}", names[a], axis.lower, axis.upper))
+            })?;
         }
         Ok(cut)
     }
 
-    /// The positions on those of `axes` that are not in `plane`, as text: `y = 0.1, vy = 0`.
-    pub fn place(
-        &self,
-        run: &StoredRun,
-        plane: [usize; 2],
-        axes: std::ops::Range<usize>,
-    ) -> String {
+    /// The positions on those of `axes` that are not in `plane`, as the end of a title:
+    /// ` at y = 0.1, vy = 0`. It is empty if there are none.
+    pub fn at(&self, run: &StoredRun, plane: [usize; 2], axes: std::ops::Range<usize>) -> String {
         let others = axes.filter(|a| !plane.contains(a));
-        let at = |a: usize| {
+        let place = |a: usize| {
             let centre = run.axis(a).centre(self.cells[a] as i64);
             format!("{} = {}", run.names()[a], short(centre))
         };
-        others.map(at).collect::<Vec<_>>().join(", ")
+        let places = others.map(place).collect::<Vec<_>>().join(", ");
+        if places.is_empty() { places } else { format!(" at {places}") }
     }
 }
 
@@ -162,13 +156,12 @@ fn densest(density: &[f64], lengths: &[usize], allowed: impl Fn(&[usize]) -> boo
 fn fastest(run: &StoredRun, times: &[StoredTime], at: &[usize]) -> FileResult<Vec<usize>> {
     let n = run.dimension();
     let here = at.iter().map(|i| *i..i + 1);
-    if run.has("phi") {
+    if run.is_measure() {
         let one = |a: usize| {
             let ranges: Vec<_> = std::iter::once(a..a + 1).chain(here.clone()).collect();
             let mean = run.slab("velocity", &DatasetBox::of(&ranges))?;
             let (axis, mean) = (run.axis(n + a), mean.first().copied().unwrap_or(f64::NAN));
-            let inside = (axis.lower..=axis.upper).contains(&mean);
-            Ok(if inside { axis.cell_at(mean) } else { axis.cells / 2 })
+            Ok(axis.cell_holding(mean).unwrap_or(axis.cells / 2))
         };
         return (0..n).map(one).collect();
     }

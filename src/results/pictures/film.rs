@@ -11,8 +11,8 @@ use crate::results::figure::palette::Style;
 use crate::results::figure::{Figure, Layer, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, jumps, note_on_ends};
-use crate::results::pictures::maps::{ValueSpread, map, undershoots};
-use crate::results::pictures::moments::{panel_title, planes};
+use crate::results::pictures::maps::{FRAME, ValueSpread, bordered, columns, map, undershoots};
+use crate::results::pictures::moments::planes;
 use crate::results::pictures::phase_space::{concentrated, surface};
 use crate::results::pictures::stored::{Plane, StoredRun, StoredTime};
 
@@ -107,9 +107,9 @@ impl<'a> Film<'a> {
             1 => panels.push(self.density_line(at)?),
             _ => panels.extend(self.density_maps(at)?),
         }
-        let columns = if panels.len() == 4 { 2 } else { panels.len().min(3) };
+        let columns = columns(panels.len());
         let title = format!("{}\nt = {}", run.title(), short(at.time));
-        Ok(Figure::new(title, panels).columns(columns).frame(300.0, 260.0).caption(caption))
+        Ok(Figure::new(title, panels).columns(columns).frame(FRAME[0], FRAME[1]).caption(caption))
     }
 
     /// The field on the plane (x_a, v_a): `f`. For measure-valued data it is `φ`, but in one
@@ -117,12 +117,9 @@ impl<'a> Film<'a> {
     fn field(&self, at: StoredTime, a: usize) -> FileResult<Panel> {
         let (run, n) = (self.run, self.run.dimension());
         let plane = [a, n + a];
-        let place = self.cut.place(run, plane, 0..2 * n);
-        let title = |name: &str| match place.is_empty() {
-            true => name.to_owned(),
-            false => format!("{name} at {place}"),
-        };
-        if !run.has("phi") {
+        let place = self.cut.at(run, plane, 0..2 * n);
+        let title = |name: &str| format!("{name}{place}");
+        if !run.is_measure() {
             let field = run.field_plane(at, "f", plane, &self.cut.cells)?;
             return Ok(self.map(plane, title("f"), field, self.scales.fields[a]));
         }
@@ -171,12 +168,10 @@ impl<'a> Film<'a> {
             for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
                 let cells = &self.cut.cells[..run.dimension()];
                 let field = run.moment_plane(at, name, plane, cells)?;
-                let title = panel_title(run, title, plane, &self.cut);
-                let mut panel = self.map(plane, title, field, self.scales.density);
-                if !border.is_empty() {
-                    panel = panel.line("", Style::theory(), border.clone());
-                }
-                panels.push(panel);
+                let place = self.cut.at(run, plane, 0..run.dimension());
+                let title = format!("{title}{place}");
+                let panel = self.map(plane, title, field, self.scales.density);
+                panels.push(bordered(panel, border));
             }
         }
         Ok(panels)

@@ -2,6 +2,7 @@
 
 use crate::base::text::short;
 use crate::results::draw::extent::smallest_and_largest;
+use crate::results::figure::palette::Style;
 use crate::results::figure::{Layer, Map, Panel, PlotAxis};
 use crate::results::pictures::stored::{Plane, StoredRun};
 
@@ -12,6 +13,22 @@ const SIGNED: f64 = 0.1;
 /// The part of a positive quantity's integral up to which negative values are undershoots of a
 /// scheme, which are drawn as zero.
 const UNDERSHOOT: f64 = 0.05;
+
+/// Width and height of the frame of a map, in points.
+pub const FRAME: [f64; 2] = [300.0, 260.0];
+
+/// The number of columns of a figure with rows of `row` maps.
+pub fn columns(row: usize) -> usize {
+    if row == 4 { 2 } else { row.min(3) }
+}
+
+/// A panel with pieces of lines where `V` jumps, if there are any.
+pub fn bordered(panel: Panel, border: &[[f64; 2]]) -> Panel {
+    match border.is_empty() {
+        true => panel,
+        false => panel.line("", Style::theory(), border.to_vec()),
+    }
+}
 
 /// The values of a quantity that should be positive, such as `f` and the density.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -8,7 +8,8 @@ use crate::results::figure::{Figure, Layer, Map, Panel, PlotAxis};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{borders, jumps, note_on_ends};
 use crate::results::pictures::maps::{
-    ValueSpread, difference, difference_map, largest, map, range, undershoots,
+    FRAME, ValueSpread, bordered, columns, difference, difference_map, largest, map, range,
+    undershoots,
 };
 use crate::results::pictures::phase_space::branches;
 use crate::results::pictures::runs::Runs;
@@ -108,7 +109,7 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
         panel = panel.line(named(&runs.names[0]), Style::of(0).plain(), points);
         panels.push(panel.verticals(&faces));
     }
-    let what = match (exact, run.has("phi")) {
+    let what = match (exact, run.is_measure()) {
         (false, _) => "",
         (true, true) => " Exact values are averages over the cells.",
         (true, false) if run.space.dimension() == 1 => {
@@ -129,12 +130,6 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
 /// The planes of two space axes in `n` dimensions.
 pub(crate) fn planes(n: usize) -> Vec<[usize; 2]> {
     (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).collect()
-}
-
-/// The title of a panel with a plane through a cut.
-pub(crate) fn panel_title(run: &StoredRun, name: &str, plane: [usize; 2], cut: &Cut) -> String {
-    let place = cut.place(run, plane, 0..run.dimension());
-    if place.is_empty() { name.to_owned() } else { format!("{name} at {place}") }
 }
 
 /// The moment that a row of maps shows.
@@ -177,15 +172,11 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     let (run, MomentMap { name, component, label }) = (runs.run, shown);
     let at = &cut.cells[..run.dimension()];
     let read = |r: &StoredRun, whose: &str| moment(r, shown, whose, plane, at);
-    let computed: FileResult<Vec<Plane>> = runs.each().map(|(r, _)| read(r, COMPUTED)).collect();
-    let computed = computed?;
+    let computed = runs.each().map(|(r, _)| read(r, COMPUTED)).collect::<FileResult<Vec<_>>>()?;
     let exact = if run.has(&format!("{name}{EXACT}")) { Some(read(run, EXACT)?) } else { None };
     // Mean velocities are as large as the velocities of the box.
     let scale = match component {
-        Some(a) => {
-            let axis = run.axis(run.dimension() + a);
-            axis.lower.abs().max(axis.upper.abs())
-        }
+        Some(a) => run.axis(run.dimension() + a).largest_magnitude(),
         None => largest(computed.iter().chain(&exact)),
     };
     let spread = ValueSpread::of(computed.iter().chain(&exact));
@@ -193,16 +184,9 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
         Some(_) => (range(computed.iter().chain(&exact), scale), None),
         None => (spread.range(scale), spread.undershoot()),
     };
-    let border = borders(run, plane, &cut.cells);
-    let bordered = |panel: Panel| {
-        if border.is_empty() {
-            return panel;
-        }
-        panel.line("", Style::theory(), border.clone())
-    };
+    let (border, place) = (borders(run, plane, &cut.cells), cut.at(run, plane, 0..run.dimension()));
     let show = |title: &str, field: Plane| {
-        let title = panel_title(run, title, plane, cut);
-        bordered(map(run, plane, title, field, shared))
+        bordered(map(run, plane, format!("{title}{place}"), field, shared), &border)
     };
     let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
     let mut panels = Vec::new();
@@ -214,8 +198,8 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     }
     if let (Some(exact), Some(field)) = (&exact, computed.first()) {
         let field = difference(field, exact);
-        let title = panel_title(run, &format!("{label}, {} − exact", names[0]), plane, cut);
-        panels.push(bordered(difference_map(run, plane, title, field, scale)));
+        let title = format!("{label}, {} − exact{place}", names[0]);
+        panels.push(bordered(difference_map(run, plane, title, field, scale), &border));
     }
     Ok((panels, lowest))
 }
@@ -223,10 +207,10 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
 /// The density in more than one dimension, on every plane of two space axes.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let shown = MomentMap { name: "density", component: None, label: "density" };
-    let rows: FileResult<Vec<MapRow>> = (planes(runs.run.dimension()).into_iter())
+    let rows = (planes(runs.run.dimension()).into_iter())
         .map(|plane| row(runs, shown, plane, cut))
-        .collect();
-    let (rows, lowest): (Vec<Vec<Panel>>, Vec<Option<f64>>) = rows?.into_iter().unzip();
+        .collect::<FileResult<Vec<_>>>()?;
+    let (rows, lowest): (Vec<Vec<Panel>>, Vec<Option<f64>>) = rows.into_iter().unzip();
     let lowest = lowest.into_iter().flatten().reduce(f64::min);
     let caption = format!("∫f dv.{}", undershoots(lowest));
     Ok(figure(runs.run, "Density", rows, cut, &caption))
@@ -236,7 +220,7 @@ pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
 /// axes.
 pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let n = runs.run.dimension();
-    let rows: FileResult<Vec<Vec<Panel>>> = planes(n)
+    let mut rows = planes(n)
         .into_iter()
         .flat_map(|plane| (0..n).map(move |component| (plane, component)))
         .map(|(plane, component)| {
@@ -244,8 +228,7 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
             let shown = MomentMap { name: "velocity", component: Some(component), label };
             row(runs, shown, plane, cut).map(|(panels, _)| panels)
         })
-        .collect();
-    let mut rows = rows?;
+        .collect::<FileResult<Vec<_>>>()?;
     share_signed_colours(&mut rows);
     let caption = "Momentum over density; grey in vacuum.";
     Ok(figure(runs.run, "Mean velocity", rows, cut, caption))
@@ -276,8 +259,7 @@ fn figure(run: &StoredRun, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption
     let width = rows.first().map_or(1, Vec::len);
     let columns = match width {
         1 => rows.len().min(3),
-        4 => 2,
-        _ => width,
+        _ => columns(width),
     };
     let panels: Vec<Panel> = rows.into_iter().flatten().collect();
     let mut caption = caption.to_owned();
@@ -289,6 +271,6 @@ fn figure(run: &StoredRun, what: &str, rows: Vec<Vec<Panel>>, cut: &Cut, caption
     }
     Figure::new(format!("{what} at t = {}", short(run.time)), panels)
         .columns(columns)
-        .frame(300.0, 260.0)
+        .frame(FRAME[0], FRAME[1])
         .caption(caption)
 }

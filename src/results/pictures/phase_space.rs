@@ -9,7 +9,7 @@ use crate::results::figure::{Figure, Panel};
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::jumps::{jumps, note_on_ends};
 use crate::results::pictures::maps::{
-    ValueSpread, difference, difference_map, largest, map, range, undershoots,
+    FRAME, ValueSpread, columns, difference, difference_map, largest, map, range, undershoots,
 };
 use crate::results::pictures::runs::Runs;
 use crate::results::pictures::stored::{FINEST, Plane, StoredRun, StoredTime};
@@ -28,7 +28,7 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
         }
         lines += &note_on_ends(run, a, &faces);
         let plane = [a, n + a];
-        let mut row = match run.has("phi") {
+        let mut row = match run.is_measure() {
             true => level_sets(runs, plane, cut)?,
             false => {
                 let (row, below) = fields(runs, plane, cut)?;
@@ -36,19 +36,11 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
                 row
             }
         };
-        let place = cut.place(run, plane, 0..2 * n);
-        for panel in &mut row {
-            if !place.is_empty() {
-                panel.title = format!("{} at {place}", panel.title);
-            }
-        }
+        let place = cut.at(run, plane, 0..2 * n);
+        row.iter_mut().for_each(|panel| panel.title += &place);
         panels.extend(row.into_iter().map(|panel| panel.verticals(&faces)));
     }
-    let row = (panels.len() / n).max(1);
-    let columns = match row {
-        4 => 2,
-        row => row.min(3),
-    };
+    let columns = columns((panels.len() / n).max(1));
     lines += cut.sentence(run);
     lines += &undershoots(lowest);
     if run.case.is_err() {
@@ -59,13 +51,13 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     }
     Ok(Figure::new(format!("{} at t = {}", run.title(), short(run.time)), panels)
         .columns(columns)
-        .frame(300.0, 260.0)
+        .frame(FRAME[0], FRAME[1])
         .caption(format!("{}{lines}", values_shown(run))))
 }
 
 /// The caption's sentence about the values in the maps.
 fn values_shown(run: &StoredRun) -> &'static str {
-    match (run.has("phi"), run.space.degree()) {
+    match (run.is_measure(), run.space.degree()) {
         (true, 1..) => {
             "Measure-valued data: f = φ δ(ψ), at the zeros of the polynomials of ψ in one \
              dimension."
@@ -87,10 +79,9 @@ fn values_shown(run: &StoredRun) -> &'static str {
 fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<(Vec<Panel>, Option<f64>)> {
     let run = runs.run;
     let at = &cut.cells[..];
-    let computed: FileResult<Vec<Plane>> =
-        runs.each().map(|(r, _)| r.plane("f", &[], plane, at)).collect();
-    let computed = computed?;
-    let exact = if run.has("exact") { Some(run.plane("exact", &[], plane, at)?) } else { None };
+    let read = |run: &StoredRun, name: &str| run.plane(name, &[], plane, at);
+    let computed = runs.each().map(|(r, _)| read(r, "f")).collect::<FileResult<Vec<_>>>()?;
+    let exact = if run.has("exact") { Some(read(run, "exact")?) } else { None };
     let scale = largest(computed.iter().chain(&exact));
     let spread = ValueSpread::of(computed.iter().chain(&exact));
     let shared = spread.range(scale);
@@ -133,11 +124,10 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<P
             let panel = Panel::new(format!("zeros of ψ, {name}"), x.clone(), v.clone());
             panels.push(panel.points("", Style::of(k), surface(r, r.end())?));
         }
-        let found: FileResult<Vec<(Plane, &str)>> = (runs.each())
+        let found = (runs.each())
             .filter(|(r, _)| r.case.is_ok() && r.space.degree() == 0)
             .map(|(r, name)| Ok((concentrated(r, r.end())?, name)))
-            .collect();
-        let found = found?;
+            .collect::<FileResult<Vec<_>>>()?;
         let shared = range(found.iter().map(|(p, _)| p), 0.0);
         for (field, name) in found.into_iter().rev() {
             let title = format!("φ δ(ψ), {name}");

@@ -93,7 +93,7 @@ impl StoredReadout {
         };
         let rows: Vec<StoredReadoutRow> = (0..cell.len()).map(row).collect();
         let cells: BTreeSet<u64> = rows.iter().map(|row| row.cell).collect();
-        let fastest = run.space.v.iter().map(|v| v.lower.abs().max(v.upper.abs()));
+        let fastest = run.space.v.iter().map(|v| v.largest_magnitude());
         Ok(Self { rows, cells: cells.into_iter().collect(), fastest: fastest.collect() })
     }
 

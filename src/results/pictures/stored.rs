@@ -1,6 +1,5 @@
 //! A finished run, read from its files: datasets of `result.h5`, planes of these, attributes.
 
-use crate::base::disk;
 use crate::base::row_major::DatasetBox;
 use crate::base::text::{on_one_line, short};
 use crate::parallel::files::read_slab;
@@ -16,6 +15,7 @@ use hdf5::{Dataset, File, Location};
 use serde::Deserialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 /// The largest number of cells of a map along an axis. Finer grids are averaged.
@@ -79,12 +79,8 @@ impl StoredRun {
     /// Opens `directory/result.h5`, which has been inspected
     /// ([`untrusted::open`](crate::results::untrusted::open)).
     pub(crate) fn read(directory: &Path) -> FileResult<Self> {
-        let file = File::open(directory.join(RESULT)).map_err(|e| e.to_string())?;
-        Self::of(directory, file)
-    }
-
-    fn of(directory: &Path, file: File) -> FileResult<Self> {
         let reason = |e: hdf5::Error| e.to_string();
+        let file = File::open(directory.join(RESULT)).map_err(reason)?;
         let mut provenance = BTreeMap::new();
         for name in file.attr_names().map_err(reason)? {
             if let Ok(value) = attribute(&file, &name) {
@@ -106,7 +102,7 @@ impl StoredRun {
             });
         let plan = read_text(&file.dataset("plan").map_err(reason)?).map_err(reason)?;
         let plan = serde_json::from_str(&plan).map_err(|e| format!("/plan: {e}"))?;
-        let summary = summary(directory);
+        let summary = summary::read(directory).map_err(|e| e.to_string());
         let steps = summary.as_ref().ok().map(|s| &s["seconds"]);
         let seconds = match steps.and_then(|s| BTreeMap::deserialize(s).ok()) {
             Some(seconds) => seconds,
@@ -163,6 +159,16 @@ impl StoredRun {
         exists(&self.file, name)
     }
 
+    /// Whether the data are measure-valued.
+    pub fn is_measure(&self) -> bool {
+        self.has("phi")
+    }
+
+    /// Whether the run is one by the classical method.
+    pub fn is_classical(&self) -> bool {
+        self.plan["method"] == "classical"
+    }
+
     fn dataset(&self, name: &str) -> FileResult<Dataset> {
         if !self.has(name) {
             return Err(format!("there is no /{name} in result.h5"));
@@ -179,7 +185,7 @@ impl StoredRun {
     /// Whether moments of elements are averages over cells and not polynomials, as for
     /// measure-valued data.
     pub fn has_averaged_moments(&self) -> bool {
-        self.space.degree() > 0 && self.has("phi")
+        self.space.degree() > 0 && self.is_measure()
     }
 
     /// A moment in one dimension as points of a line.
@@ -211,7 +217,7 @@ impl StoredRun {
         &self,
         at: StoredTime,
         name: &str,
-        ranges: &[std::ops::Range<usize>],
+        ranges: &[Range<usize>],
     ) -> FileResult<Vec<f64>> {
         let first = at.early.map(|k| k..k + 1);
         let ranges: Vec<_> = first.into_iter().chain(ranges.iter().cloned()).collect();
@@ -232,8 +238,7 @@ impl StoredRun {
     /// A scalar moment, such as `density`, at a time, over all of space.
     pub fn moment(&self, at: StoredTime, name: &str) -> FileResult<Vec<f64>> {
         let first = self.moment_time(at)?.map(|k| k..k + 1);
-        let space = self.space.x.iter().map(|axis| 0..axis.cells);
-        let ranges: Vec<_> = first.into_iter().chain(space).collect();
+        let ranges: Vec<_> = first.into_iter().chain(self.space.space_ranges()).collect();
         self.slab(&at.dataset(name), &DatasetBox::of(&ranges))
     }
 
@@ -295,17 +300,9 @@ impl StoredRun {
             let (Some(lowest), Some(highest)) = (lines.first(), lines.last()) else { continue };
             // The elements that hold these lines.
             let elements = [lowest[0] / parts, highest[1].div_ceil(parts)];
-            let nodes = meshes[0].nodes();
-            let mut slab = DatasetBox {
-                start: first.iter().chain(at).copied().collect(),
-                count: vec![1; first.len() + at.len()],
-            };
-            let skip = first.len();
-            slab.start[skip + plane[0]] = elements[0] * nodes;
-            slab.count[skip + plane[0]] = (elements[1] - elements[0]) * nodes;
-            slab.start[skip + plane[1]] = 0;
-            slab.count[skip + plane[1]] = lengths[1];
-            let read = read_slab(&dataset, &slab);
+            let [begin, end] = elements.map(|element| element * meshes[0].nodes());
+            let ranges = [(plane[0], begin..end), (plane[1], 0..lengths[1])];
+            let read = read_slab(&dataset, &plane_slab(first, at, ranges));
             let read = read.map_err(|e| format!("/{name} of result.h5: {e}"))?;
             let read = values_on_parts(&read, elements[1] - elements[0], &meshes);
             for line in lines {
@@ -319,6 +316,18 @@ impl StoredRun {
         }
         Ok(Plane { shape, values })
     }
+}
+
+/// The box of a dataset with these ranges along two axes, through the cells `at` of the other axes.
+/// `first` are the indices before those of the axes.
+fn plane_slab(first: &[usize], at: &[usize], ranges: [(usize, Range<usize>); 2]) -> DatasetBox {
+    let start: Vec<usize> = first.iter().chain(at).copied().collect();
+    let mut slab = DatasetBox { count: vec![1; start.len()], start };
+    for (axis, range) in ranges {
+        slab.start[first.len() + axis] = range.start;
+        slab.count[first.len() + axis] = range.len();
+    }
+    slab
 }
 
 /// The first and the end of the cells of each of `parts` parts of `cells` cells.
@@ -377,8 +386,7 @@ fn grid(file: &File) -> FileResult<PhaseSpace> {
     let there = |name: &&&str| file.link_exists(&format!("axis/{name}"));
     let n = ["x", "y", "z"].iter().filter(there).count();
     let names = axis_names(n);
-    let axes: FileResult<Vec<Axis>> = names.iter().map(|name| axis(name)).collect();
-    let mut x = axes?;
+    let mut x = names.iter().map(|name| axis(name)).collect::<FileResult<Vec<_>>>()?;
     let v = x.split_off(n);
     if n == 0 {
         return Err("/axis: no axes".to_owned());
@@ -439,13 +447,6 @@ fn by_elements(name: &str, dataset: &Dataset) -> Option<Axis> {
     let sound = (1..=LARGEST_DEGREE).contains(&degree) && elements > 0;
     sound.then_some(())?;
     Some(Axis::new(number("lower")?, number("upper")?, elements).with_nodes(nodes))
-}
-
-/// `summary.json` of a directory.
-fn summary(directory: &Path) -> FileResult<Value> {
-    let path = directory.join(summary::NAME);
-    let text = disk::read_text(&path).map_err(|e| e.to_string())?;
-    serde_json::from_str(&text).map_err(|e| format!("{}: {e}", path.display()))
 }
 
 /// `/timings`; empty if the file has none.

@@ -30,21 +30,46 @@ struct Finding {
     text: String,
 }
 
+/// The parts of a summary that judge a run; `None` for those that it lacks.
+pub struct Judgement {
+    /// The errors of algorithm and grid.
+    pub accuracy: Option<Accuracy>,
+    /// The ledger of mass and energy.
+    pub ledger: Option<Ledger>,
+    /// The missed goals, which results of older versions do not have.
+    missed: Option<MissedGoals>,
+    /// The result from which the run continued.
+    pub continued: Option<ContinuedResult>,
+}
+
+impl Judgement {
+    /// The judgement in a summary.
+    pub fn of(summary: &Value) -> Self {
+        Self {
+            accuracy: Accuracy::deserialize(&summary["accuracy"]).ok(),
+            ledger: Ledger::deserialize(&summary["ledger"]).ok(),
+            missed: MissedGoals::deserialize(&summary["missed"]).ok(),
+            continued: ContinuedResult::deserialize(&summary["continued"]).ok(),
+        }
+    }
+
+    /// The ledger of a finished run.
+    fn whole_ledger(&self) -> Option<&Ledger> {
+        self.ledger.as_ref().filter(|ledger| ledger.mass.end.is_some())
+    }
+}
+
 /// The findings on the error of the algorithm, that of the grid, and mass and energy, with a
 /// verdict as heading.
-pub fn trust(summary: &Value, classical: bool) -> Markup {
-    let accuracy = Accuracy::deserialize(&summary["accuracy"]).ok();
-    let ledger = ledger_of(summary);
-    // Results of older versions have no such key.
-    let missed = MissedGoals::deserialize(&summary["missed"]).ok();
-    let continued = ContinuedResult::deserialize(&summary["continued"]).ok();
+pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup {
+    let Judgement { accuracy, missed, continued, .. } = judgement;
     let findings = [
         match classical {
             true => steps(summary),
             false => algorithm(summary, accuracy.as_ref(), missed.as_ref()),
         },
         grid(accuracy.as_ref(), missed.as_ref(), continued.as_ref()),
-        conservation(ledger.as_ref()),
+        conservation(judgement.whole_ledger()),
     ];
     let marks = findings.each_ref().map(|finding| finding.mark);
     let has_goal = accuracy.as_ref().is_some_and(|accuracy| accuracy.goal.is_some());
@@ -180,25 +205,41 @@ fn grid(
     let what = sentence(&accuracy.what_is_measured());
     let how = if accuracy.grid_measured { "measured" } else { "estimated" };
     let mut text = format!("relative L2, {how}");
-    let goal_missed = missed.and_then(|missed| missed.accuracy.as_ref());
-    let mark = match (goal_missed, accuracy.goal) {
+    let goal_missed = missed.and_then(|missed| missed.accuracy.as_deref());
+    let mark = mark_of_grid(&mut text, accuracy, goal_missed, continued);
+    if mark == Mark::Good && accuracy.under_resolved {
+        text += "; UNDER-RESOLVED, as the error of the algorithm is far smaller";
+    }
+    text += &accuracy.advice_after();
+    Finding { what, mark, value: errors, text }
+}
+
+/// The mark of the error of the grid. Adds to the `text` of the finding what is known of the
+/// accuracy that was asked for.
+fn mark_of_grid(
+    text: &mut String,
+    accuracy: &Accuracy,
+    goal_missed: Option<&str>,
+    continued: Option<&ContinuedResult>,
+) -> Mark {
+    match (goal_missed, accuracy.goal) {
         (Some(sentence), _) => {
-            text += &format!("; {sentence}");
+            *text += &format!("; {sentence}");
             Mark::Bad
         }
         (None, Some(goal)) => {
-            text += &format!("; the accuracy {} of the density was asked for", short(goal));
+            *text += &format!("; the accuracy {} of the density was asked for", short(goal));
             match (accuracy.goal_error, accuracy.goal_estimate) {
                 (Some(_), _) => Mark::Good,
                 (None, Some(estimate)) => {
-                    text += &format!(
+                    *text += &format!(
                         ", and the trial runs that chose the grid expect an error of {}",
                         short(estimate)
                     );
                     if estimate <= goal { Mark::Good } else { Mark::Bad }
                 }
                 (None, None) => {
-                    text += ", and its error was not measured";
+                    *text += ", and its error was not measured";
                     if accuracy.is_coarse() { Mark::Bad } else { Mark::Unknown }
                 }
             }
@@ -212,22 +253,12 @@ fn grid(
         }
         (None, None) if accuracy.staircase => Mark::Unknown,
         (None, None) => Mark::Good,
-    };
-    if mark == Mark::Good && accuracy.under_resolved {
-        text += "; UNDER-RESOLVED, as the error of the algorithm is far smaller";
     }
-    text += &accuracy.advice_after();
-    Finding { what, mark, value: errors, text }
-}
-
-/// The ledger of a finished run.
-fn ledger_of(summary: &Value) -> Option<Ledger> {
-    Ledger::deserialize(&summary["ledger"]).ok().filter(|ledger| ledger.mass.end.is_some())
 }
 
 /// The warning that [`trust`] quotes in full, if any.
-pub fn main_warning(summary: &Value) -> Option<String> {
-    ledger_of(summary)?.doubts().into_iter().next()
+pub fn main_warning(judgement: &Judgement) -> Option<String> {
+    judgement.whole_ledger()?.doubts().into_iter().next()
 }
 
 /// The finding on the balance of mass and energy.
@@ -255,12 +286,14 @@ fn conservation(ledger: Option<&Ledger>) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::results::accuracy::GridErrorPair;
     use serde_json::json;
 
     fn page(algorithm: f64, grid: f64, lost: f64) -> String {
         let accuracy =
             Accuracy { asked: Some(1e-6), algorithm: Some(algorithm), ..Accuracy::default() };
-        let accuracy = accuracy.with_grid([Some(grid), None], [None; 2]);
+        let measured = GridErrorPair { field: Some(grid), density: None };
+        let accuracy = accuracy.with_grid(measured, GridErrorPair::default());
         let mut ledger = Ledger::default();
         let all = Some(1.0);
         (ledger.mass.absolute, ledger.mass.initial, ledger.mass.end) = (all, all, all);
@@ -272,7 +305,12 @@ mod tests {
         let summary = json!({
             "tolerance": 1e-6, "accuracy": accuracy, "missed": missed, "ledger": ledger
         });
-        trust(&summary, false).into_string()
+        section(&summary, false)
+    }
+
+    /// The first section of the page for a summary.
+    fn section(summary: &Value, classical: bool) -> String {
+        trust(summary, &Judgement::of(summary), classical).into_string()
     }
 
     #[test]
@@ -282,9 +320,9 @@ mod tests {
             (page(1e-5, 0.02, 0.0), "the tolerance is not met"),
             (page(1e-7, 0.2, 0.0), "The grid is too coarse"),
             (page(1e-7, 0.02, 0.5), "is off"),
-            (trust(&json!({}), false).into_string(), "Not all errors"),
-            (trust(&json!({}), true).into_string(), "has no modes"),
-            (trust(&json!({"error_semidiscrete": 2e-3}), true).into_string(), "of the time steps"),
+            (section(&json!({}), false), "Not all errors"),
+            (section(&json!({}), true), "has no modes"),
+            (section(&json!({"error_semidiscrete": 2e-3}), true), "of the time steps"),
         ] {
             assert!(found.contains(words), "{words}: {found}");
         }
@@ -305,7 +343,8 @@ mod tests {
         ] {
             let goal = Some(0.3);
             let accuracy = Accuracy { goal, goal_error, goal_estimate, ..Accuracy::default() };
-            let accuracy = accuracy.with_grid([Some(error), None], [None; 2]);
+            let measured = GridErrorPair { field: Some(error), density: None };
+            let accuracy = accuracy.with_grid(measured, GridErrorPair::default());
             let missed = MissedGoals { accuracy: sentence.map(str::to_owned), tolerance: None };
             let found = grid(Some(&accuracy), Some(&missed), None);
             assert_eq!(found.mark, mark, "{}", found.text);

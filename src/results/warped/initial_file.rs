@@ -6,6 +6,7 @@ use crate::base::row_major::DatasetBox;
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::Group;
 use crate::parallel::files::{SharedFile, read_slab, stored_checksum};
+use crate::problem::case::WarpedStart;
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
 use crate::results::readback::refuse_other_than_reals;
@@ -25,8 +26,9 @@ const SAME: f64 = 1e-6;
 /// Largest such difference relative to the step of the axis.
 const OF_A_STEP: f64 = 0.05;
 
-/// Largest `|p|`: several times that for the largest spectrum that can be planned.
-const FURTHEST: f64 = 1e7;
+/// Largest `|p|` of a point of a file: several times that for the largest spectrum that can be
+/// planned.
+const LARGEST_FILE_POINT: f64 = 1e7;
 
 /// Properties of the field that was read, over all ranks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -164,17 +166,16 @@ pub struct ModesFromFile<'a> {
 
 impl WarpedFile {
     /// Checks that `/w` of the file is a warped field on the grid `space`, and reads its points.
-    /// `key` is the file, line and key that names it. Collective over `world`.
+    /// Collective over `world`.
     ///
     /// # Errors
-    /// [`Error::Input`], which says what is wrong with it.
-    pub fn new(world: &Group, path: &Path, space: &PhaseSpace, key: &str) -> Result<Self> {
+    /// [`Error::Case`], which says what is wrong with it.
+    pub fn new(world: &Group, start: &WarpedStart, space: &PhaseSpace) -> Result<Self> {
         // One rank reads the file without MPI.
         let (interval, points) = world.of_first_rank(|| {
-            checked_points(path, space)
-                .map_err(|what| Error::Input(format!("{key} = \"{}\": {what}", path.display())))
+            checked_points(&start.path, space).map_err(|what| start.wrong(&what))
         })?;
-        Ok(Self { path: path.to_owned(), interval, points })
+        Ok(Self { path: start.path.clone(), interval, points })
     }
 
     fn wrong(&self, what: &dyn std::fmt::Display) -> Error {
@@ -337,10 +338,10 @@ fn period(p: &[f64], points: usize) -> FileResult<([f64; 2], usize)> {
     if !(step > 0.0 && step.is_finite()) {
         return Err(format!("{uneven}: from {} to {}", p[0], p[points - 1]));
     }
-    if p[0].abs().max(p[points - 1].abs()) > FURTHEST {
+    if p[0].abs().max(p[points - 1].abs()) > LARGEST_FILE_POINT {
         let [first, last] = [p[0], p[points - 1]];
         return Err(format!(
-            "/axis/p goes from {first:e} to {last:e}; at most {FURTHEST:e} is read"
+            "/axis/p goes from {first:e} to {last:e}; at most {LARGEST_FILE_POINT:e} is read"
         ));
     }
     let even: Vec<f64> = (0..points).map(|j| p[0] + step * j as f64).collect();

@@ -3,7 +3,7 @@
 
 use crate::problem::case::{Case, Interface};
 use crate::problem::exact::{Crossing, Tracer};
-use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION};
+use crate::problem::grid::{Axis, MAX_DIMENSION};
 use crate::run::ledger::arrivals::Arrivals;
 use crate::run::ledger::draw::Particle;
 use crate::scheme::interface::{Side, law_of, sources, velocity};
@@ -90,7 +90,7 @@ impl<'a> ParticleTracker<'a> {
             added += gains.as_mut().map_or(0.0, |gains| gains.factor(met) - 1.0);
         });
         if let Some(exit) = found.exit {
-            let end = AxisEnd { axis: exit.axis, upper: exit.upper }.number();
+            let end = exit.end.number();
             tally.left += mass;
             if exit.at_jump {
                 tally.at_jumps[end] += mass;

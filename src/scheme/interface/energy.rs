@@ -168,7 +168,7 @@ pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<(
         let end = |faces: f64| coordinate_text(faces * width, 1e-6 * width);
         format!("The box [{}, {}] has it on a face. ", end(-below), end(elements - below))
     };
-    let fastest = whole.lower.abs().max(whole.upper.abs());
+    let fastest = whole.largest_magnitude();
     let doubt = match height < FEW_DIGITS * 0.5 * fastest * fastest {
         true => ". If V should not jump there, give it the same digits on both sides",
         false => "",

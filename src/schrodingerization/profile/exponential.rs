@@ -51,13 +51,13 @@ impl Exponential {
         let Alpha::Formula(extension) = &self.alpha else {
             return 1.0;
         };
-        let left = extension.values();
+        let left = &extension.values;
         let total = |order: usize| {
-            let jumps: f64 = left.jumps().iter().map(|jump| jump.sizes[order]).sum();
-            jumps + left.rounded(order) + at_zero(left, order)
+            let jumps: f64 = left.jumps.iter().map(|jump| jump.sizes[order]).sum();
+            jumps + left.rounded[order] + at_zero(left, order)
         };
-        let size = 1.0 + left.variation(0);
-        let slopes = total(1) + left.variation(2) + 1.0;
+        let size = 1.0 + left.variations[0];
+        let slopes = total(1) + left.variations[2] + 1.0;
         let integral = 2.0 * (size * slopes).sqrt() + LOGARITHM * total(0);
         (0.5 * (size / SHORTEST + integral / PI)).max(1.0)
     }
@@ -78,7 +78,7 @@ impl ProfileShape for Exponential {
         let right = 1.0 / Complex64::new(1.0, mu);
         let left = match &self.alpha {
             Alpha::Constant(alpha) => 1.0 / Complex64::new(*alpha, -mu),
-            Alpha::Formula(extension) => extension.values().transform(mu),
+            Alpha::Formula(extension) => extension.values.transform(mu),
         };
         right + left
     }
@@ -87,7 +87,7 @@ impl ProfileShape for Exponential {
         match &self.alpha {
             _ if p >= 0.0 => (-p).exp(),
             Alpha::Constant(alpha) => (alpha * p).exp(),
-            Alpha::Formula(extension) => extension.values().value(p),
+            Alpha::Formula(extension) => extension.values.value(p),
         }
     }
 
@@ -97,8 +97,8 @@ impl ProfileShape for Exponential {
         match &self.alpha {
             Alpha::Constant(alpha) => bound.ln().min(0.0) / alpha,
             Alpha::Formula(extension) => {
-                let left = extension.values();
-                let lowest = left.jumps().first().map_or(0.0, |jump| jump.at - GAP);
+                let left = &extension.values;
+                let lowest = left.jumps.first().map_or(0.0, |jump| jump.at - GAP);
                 left.first_above(bound).min(lowest)
             }
         }
@@ -107,7 +107,7 @@ impl ProfileShape for Exponential {
     fn tail(&self, mu: f64, distance: f64) -> f64 {
         match &self.alpha {
             Alpha::Constant(alpha) => tail_of_constant(*alpha, mu, distance),
-            Alpha::Formula(extension) => tail_of_left(extension.values(), mu, distance),
+            Alpha::Formula(extension) => tail_of_left(&extension.values, mu, distance),
         }
     }
 }
@@ -128,12 +128,12 @@ fn tail_of_left(left: &Piecewise, mu: f64, distance: f64) -> f64 {
     let mut corners = 0.0;
     for order in 0..ORDERS {
         corners += at_zero(left, order) * corner(order, mu, distance)
-            + left.rounded(order) * corner(order, mu, 0.0);
-        for jump in left.jumps() {
+            + left.rounded[order] * corner(order, mu, 0.0);
+        for jump in &left.jumps {
             corners += jump.sizes[order] * corner(order, mu, (distance - jump.at).min(GAP));
         }
         if order > 0 {
-            let rest = left.variation(order + 1) + 1.0;
+            let rest = left.variations[order + 1] + 1.0;
             least = least.min(corners + rest / (PI * order as f64 * mu.powi(order as i32)));
         }
     }
@@ -143,7 +143,7 @@ fn tail_of_left(left: &Piecewise, mu: f64, distance: f64) -> f64 {
 /// `|J_k(0)|`: `g^{(k)}` is `(−1)^k` above.
 fn at_zero(left: &Piecewise, order: usize) -> f64 {
     let above = if order.is_multiple_of(2) { 1.0 } else { -1.0 };
-    (above - left.at_end(order)).abs()
+    (above - left.at_end[order]).abs()
 }
 
 /// Bound on the contribution of the modes beyond `μ` for a jump of the derivative `order`, `(2/P) Σ

@@ -434,9 +434,11 @@ pub fn folder(results: &Path) -> PathBuf {
     results.join("checkpoint")
 }
 
-/// Whether `directory` holds a complete checkpoint, valid or not. Other files in it do not matter.
-pub fn is_begun(directory: &Path) -> bool {
-    generations(directory).into_iter().any(|number| complete(directory, number))
+/// Whether there is a complete checkpoint, valid or not, of a run whose results are in `results`.
+/// Other files beside it do not matter.
+pub fn is_begun(results: &Path) -> bool {
+    let directory = folder(results);
+    generations(&directory).into_iter().any(|number| complete(&directory, number))
 }
 
 /// Removes the checkpoints in `directory`, complete or not, and then the directory if nothing else

@@ -45,7 +45,7 @@ fn real(array: usize, index: usize) -> f64 {
 
 /// The points of a block, as numbers in the whole grid.
 fn global_points(space: &PhaseSpace, ranges: &[Range<usize>]) -> Vec<usize> {
-    let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
+    let whole = space.space_ranges();
     let runs = crate::parallel::partition::common_runs(ranges, &whole);
     runs.iter().flat_map(|run| run.to..run.to + run.length).collect()
 }
@@ -271,7 +271,7 @@ fn files_of_a_mesh_are_read_on_any_other() {
 /// Reads the files of the ranks of `from` on the ranks of `to`, and checks that the sums of all
 /// ranks are complete.
 fn read_all(directory: &Path, space: &PhaseSpace, from: &ProcessMesh, to: &ProcessMesh) {
-    let whole: Vec<Range<usize>> = space.x.iter().map(|a| 0..a.cells).collect();
+    let whole = space.space_ranges();
     let sum = |width: &usize| vec![0; 2 * width * file::points(&whole)];
     let mut sums: Vec<Vec<i64>> = SUMS.iter().map(sum).collect();
     for rank in Rank::all(space, to) {
@@ -393,7 +393,7 @@ impl Reader for DamagedManifests {
     fn read(&mut self, text: &String) -> std::result::Result<bool, String> {
         let Ok(manifest) = self.store.manifest(GENERATION, text) else { return Ok(false) };
         let (mesh, space) = (&manifest.mesh, space(&[5, 4]));
-        let whole: Vec<Range<usize>> = space.x.iter().map(|axis| 0..axis.cells).collect();
+        let whole = space.space_ranges();
         let cells: usize = (0..mesh.blocks())
             .flat_map(|block| common_runs(&mesh.ranges(&space, block), &whole))
             .map(|run| run.length)

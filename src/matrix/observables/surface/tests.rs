@@ -24,7 +24,7 @@ fn moments(space: &PhaseSpace, phi: Function<'_>, psi: &[Function<'_>]) -> Vec<[
     let nodal = |f: Function<'_>| -> Vec<f64> {
         (0..space.cells()).map(|i| f(&space.point(&space.cell(i)))).collect()
     };
-    let share: Vec<Range<usize>> = space.x.iter().map(|x| 0..x.cells).collect();
+    let share = space.space_ranges();
     let psi: Vec<Vec<f64>> = psi.iter().map(|psi| nodal(psi)).collect();
     let psi: Vec<&[f64]> = psi.iter().map(Vec::as_slice).collect();
     let mut sums = vec![[0.0; 2]; space.space_cells()];

@@ -56,7 +56,7 @@ impl Scene<'_> {
 /// The exact moments on the whole space grid.
 fn exact_moments(case: &Case) -> Result<ExactMoments> {
     let mut sheets = Sheets::new(case)?;
-    let whole: Vec<_> = case.space.x.iter().map(|axis| 0..axis.cells).collect();
+    let whole = case.space.space_ranges();
     let mut sums = SheetSums::new(&case.space, &whole);
     let mut budget = sheets.budget();
     for sheet in sheets.all() {

@@ -71,7 +71,7 @@ impl CoupledFace {
     }
 
     fn fastest(&self) -> f64 {
-        self.axis.lower.abs().max(self.axis.upper.abs())
+        self.axis.largest_magnitude()
     }
 
     /// Allowed error of the sums of a trace: nodes and faces are rounded relative to the box, which
@@ -209,7 +209,7 @@ fn random_axis(random: &mut ChaCha8Rng, degree: usize) -> Axis {
 
 /// From 1e-9 to larger than the box.
 fn random_rise(random: &mut ChaCha8Rng, axis: &Axis) -> f64 {
-    let fastest = axis.lower.abs().max(axis.upper.abs());
+    let fastest = axis.largest_magnitude();
     let most = 2.0 * fastest * fastest;
     let sign = if uniform(random) < 0.5 { -1.0 } else { 1.0 };
     let rise = match (3.0 * uniform(random)) as usize {
