@@ -284,14 +284,16 @@ impl Accuracy {
         };
         let is_classical = case.method == Method::Classical;
         let may_have_slopes = is_classical && case.has_upwind_cells() && !case.varies();
+        let key = degree_key(case, degree);
+        let article = if key.starts_with("axis") { "an" } else { "a" };
         let or = match degree {
-            0 if case.limiter != Limiter::None => "",
-            0 if may_have_slopes => ", a scheme.degree above 0 or slopes (scheme.limiter)",
-            0 => " or a scheme.degree above 0",
-            1 | 2 => " or a higher scheme.degree",
-            LARGEST_DEGREE.. => "",
+            0 if case.limiter != Limiter::None => String::new(),
+            0 if may_have_slopes => format!(", {article} {key} above 0 or slopes (scheme.limiter)"),
+            0 => format!(" or {article} {key} above 0"),
+            1 | 2 => format!(" or a higher {key}"),
+            LARGEST_DEGREE.. => String::new(),
             // Where data jump, degrees above 3 gain little.
-            _ => ", or a higher scheme.degree where f does not jump,",
+            _ => format!(", or a higher {key} where f does not jump,"),
         };
         let is_start = case.start.is_none() && case.start_field.is_none();
         let then = if !is_large {
@@ -313,6 +315,19 @@ fn largest_order(case: &Case, degree: usize) -> Option<f64> {
     let is_second = case.limiter != Limiter::None || case.flux == 0.0;
     let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
     (!case.is_measure_valued()).then_some(order)
+}
+
+/// The key that gives the lowest `degree` of the axes of `case`: an axis may have its own.
+fn degree_key(case: &Case, degree: usize) -> String {
+    let n = case.space.dimension();
+    let axes = case.space.axes().enumerate();
+    let lowest = axes.filter(|(_, axis)| axis.cells > 1 && axis.nodes.degree == degree);
+    let key = |k: usize| match k < n {
+        true => format!("axis.{k}.x.degree"),
+        false => format!("axis.{}.v.degree", k - n),
+    };
+    let mut own = lowest.map(|(k, _)| key(k)).filter(|key| case.settings.contains_key(key));
+    own.next().unwrap_or_else(|| "scheme.degree".to_owned())
 }
 
 /// The lowest degree of the axes that have more than one cell.

@@ -14,7 +14,7 @@ use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::results::summary::{ErrorNorms, GridErrors};
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
-use crate::run::exact::velocities::limits::most_points;
+use crate::run::exact::velocities::limits::expected_points;
 use std::ops::Range;
 
 /// Additional points of an element along each axis, and the largest total number of points for
@@ -89,12 +89,12 @@ fn more_points(space: &PhaseSpace) -> usize {
     MORE_POINTS.iter().find(fits).map_or(0, |m| m.0)
 }
 
-/// The largest number of exact values of which errors on the elements of `case` are made.
+/// About the largest number of exact values of which errors on the elements of `case` are made.
 pub fn exact_points(case: &Case) -> f64 {
     let more = more_points(&case.space);
     let of_space = |axis: &Axis| (axis.elements() * (axis.nodes.count() + more)) as f64;
     let positions = case.space.x.iter().map(of_space).product();
-    points(&case.space, more) + most_points(case, positions)
+    points(&case.space, more) + expected_points(case, positions)
 }
 
 /// Quadrature rules of an element, and sums over elements.

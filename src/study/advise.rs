@@ -33,9 +33,7 @@ use crate::study::advise::grid_search::{Evidence, SchemeWithGrid};
 use crate::study::advise::report::{may_be_slow, warnings};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::base_case;
-use crate::study::advise::setups::{
-    AdviceReport, GivenCase, SetupReport, mark_unsettled_expensive,
-};
+use crate::study::advise::setups::{AdviceReport, GivenCase, SetupReport, mark_expensive};
 use crate::study::advise::trials::Trials;
 use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::trial::refuse_start_from_file;
@@ -178,7 +176,7 @@ impl<'a> Study<'a> {
         };
         let mut entries: Vec<SetupReport> = candidates.into_iter().map(settled).collect();
         let mut warnings = warnings(case, &entries);
-        mark_unsettled_expensive(&mut entries);
+        mark_expensive(&mut entries, request.budget);
         // The least counted work; of equal ones the first, which has the case's own interface.
         let best = [Method::Schrodingerized, Method::Classical].map(|method| {
             (entries.iter())

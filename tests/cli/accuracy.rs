@@ -289,7 +289,9 @@ fn advice_matches_the_shortcomings_of_the_run() {
     let (degree_2, degree_3, degree_8) = (elements(2, 34), elements(3, 32), elements(8, 8));
     let (some, all) =
         ("or a higher scheme.degree", "or a higher scheme.degree where f does not jump");
-    let rows: [AdviceRow<'_>; 7] = [
+    let mixed = ["axis.0.x.degree=2", "axis.0.v.degree=0"];
+    let rows: [AdviceRow<'_>; 8] = [
+        ("example1.toml", mixed.to_vec(), &["or an axis.0.v.degree above 0"], &["scheme.degree"]),
         ("smooth-beams.toml", words(&degree_2), &[some, "(at least ", "finds a grid"], &["slopes"]),
         ("example1.toml", words(&degree_3), &[all, "(at least 1.2 ", "example1.toml"], &["slopes"]),
         ("smooth-beams.toml", words(&degree_8), &["more cells (at least"], &["scheme.degree"]),

@@ -154,18 +154,20 @@ impl SetupReport {
     }
 }
 
-/// An extrapolated set-up whose order has not settled is only an estimate if it takes more than
-/// this many times the work of another set-up.
+/// An extrapolated set-up whose order has not settled, or which takes longer than the budget, is
+/// only an estimate if it takes more than this many times the work of another set-up.
 const MOST_WORK_RATIO: f64 = 100.0;
 
-/// Marks extrapolated set-ups as estimates if their orders have not settled and they take more than
-/// `MOST_WORK_RATIO` times the work of another one.
-pub fn mark_unsettled_expensive(entries: &mut [SetupReport]) {
+/// Marks extrapolated set-ups as estimates if they take more than `MOST_WORK_RATIO` times the work
+/// of another one, and their orders have not settled or they take longer than `budget` seconds. An
+/// order that has settled on coarse grids may be far below that of fine ones.
+pub fn mark_expensive(entries: &mut [SetupReport], budget: f64) {
     let possible = entries.iter().filter(|e| e.refused.is_none());
     let Some(least) = possible.min_by(|a, b| a.work().total_cmp(&b.work())) else { return };
     let (name, least) = (least.name.clone(), least.work());
     for entry in entries {
-        let open = entry.known == Evidence::Extrapolated && !entry.order.settled;
+        let is_long = entry.seconds.is_some_and(|seconds| seconds > budget);
+        let open = entry.known == Evidence::Extrapolated && (is_long || !entry.order.settled);
         if open && entry.refused.is_none() && entry.work() > MOST_WORK_RATIO * least {
             entry.estimate.get_or_insert_with(|| {
                 format!(
@@ -290,18 +292,19 @@ mod tests {
     }
 
     #[test]
-    fn unsettled_set_ups_of_far_more_work_than_another_are_estimates() {
+    fn set_ups_of_far_more_work_than_another_are_estimates() {
         let mut entries = [
             entry(1.0, false),
             entry(99.0, false),
             entry(101.0, false),
-            entry(1e6, true),
+            SetupReport { seconds: Some(8.0), ..entry(1e6, true) },
             SetupReport { known: Evidence::Estimated, ..entry(1e6, false) },
             SetupReport { refused: Some("no".into()), ..entry(1e-6, false) },
+            SetupReport { seconds: Some(8.1), ..entry(1e6, true) },
         ];
-        mark_unsettled_expensive(&mut entries);
+        mark_expensive(&mut entries, 8.0);
         let doubted = entries.each_ref().map(|e| e.estimate.is_some());
-        assert_eq!(doubted, [false, false, true, false, false, false]);
+        assert_eq!(doubted, [false, false, true, false, false, false, true]);
         assert!(entries[2].estimate.as_deref().is_some_and(|why| why.contains("; 1 may take")));
     }
 }

@@ -8,7 +8,7 @@ use crate::run::exact::velocities::panels::{PanelRule, points_of};
 use crate::run::exact::velocities::places::at_all;
 
 /// Integrals are compared with those that begin with so many times the panels.
-const FINER: usize = 4;
+pub const FINER: usize = 4;
 /// Largest difference between them, relative to the density (L1), if the points allow it.
 const UNSEEN: f64 = 1e-4;
 /// All integrals together may begin with so many times the points that they may take otherwise.

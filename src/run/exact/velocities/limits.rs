@@ -2,6 +2,7 @@
 
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+use crate::run::exact::velocities::filaments::FINER;
 use crate::run::exact::velocities::panels::points_of;
 
 /// Limits on the cost of integrals, for a dimension of space.
@@ -112,7 +113,13 @@ pub fn most_at(case: &Case, positions: f64) -> f64 {
     (least as f64).max((allowance(&case.space) as f64 / positions.max(1.0)).floor())
 }
 
-/// The largest number of points that integrals at so many `positions` take.
-pub fn most_points(case: &Case, positions: f64) -> f64 {
-    positions * most_at(case, positions)
+/// About the largest number of points that integrals at so many `positions` take. In one dimension
+/// a jump takes few points beyond the first ones; filaments take more, [`FINER`] times as many
+/// where they are found at once. In more dimensions it may be all that they are allowed.
+pub fn expected_points(case: &Case, positions: f64) -> f64 {
+    if case.space.dimension() > 1 {
+        return positions * most_at(case, positions);
+    }
+    let searched = IntegrationLimits::of(&case.space).positions as f64;
+    (searched + FINER as f64 * positions) * points_of(&panels_of(case)) as f64
 }
