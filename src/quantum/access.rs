@@ -305,7 +305,7 @@ impl LargestEntries {
         let mut all = vec![[0.0; 2]; room * space.size()];
         all[room * space.rank()..][..own.len()].copy_from_slice(&own);
         space.max_into(all.as_flattened_mut());
-        Self::new(all, space.max_count(extremes(matrix, 0.0).1))
+        Self::new(all, fullest_row(matrix, space))
     }
 
     /// The entries of a grid whose entries are `factor` times as large, with `nonzeros` nonzeros in
@@ -337,12 +337,22 @@ fn keep_outermost(pairs: &mut Vec<[f64; 2]>) {
 pub fn extremes(matrix: &BlockMatrix, highest: f64) -> (f64, usize) {
     let (mut largest, mut fullest) = (0.0f64, 0);
     for i in 0..matrix.counted_rows() {
-        let mut count = 0;
-        for (_, s, k) in matrix.row(i) {
-            largest = largest.max((highest * s).hypot(k));
-            count += usize::from(s != 0.0 || k != 0.0);
-        }
-        fullest = fullest.max(count);
+        largest = matrix.row(i).fold(largest, |most, (_, s, k)| most.max((highest * s).hypot(k)));
+        fullest = fullest.max(nonzeros(matrix, i));
     }
     (largest, fullest)
+}
+
+/// Nonzeros of the fullest row over the ranks of `space`. The row of a common auxiliary unknown is
+/// that of all ranks together. Collective.
+fn fullest_row(matrix: &BlockMatrix, space: &Group) -> usize {
+    let common = matrix.shared_row();
+    let own = 0..common.unwrap_or(matrix.rows());
+    let fullest = space.max_count(own.map(|i| nonzeros(matrix, i)).max().unwrap_or(0));
+    common.map_or(fullest, |row| fullest.max(space.sum_count(nonzeros(matrix, row))))
+}
+
+/// Nonzeros of a row.
+fn nonzeros(matrix: &BlockMatrix, row: usize) -> usize {
+    matrix.row(row).filter(|&(_, s, k)| s != 0.0 || k != 0.0).count()
 }

@@ -1,5 +1,6 @@
 //! The series in `p` that a run takes: period, modes, coefficients, readings, applications.
 
+use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
@@ -17,7 +18,6 @@ use crate::schrodingerization::profile::shape::EstimatorQuality;
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
 use serde::Serialize;
-use std::hash::{Hash, Hasher};
 
 /// The plan of a Schrödingerized run, independent of the ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -249,12 +249,10 @@ impl WarpPlan {
 
     /// A checksum: plans with the same bits have the same one.
     pub fn fingerprint(&self) -> u64 {
-        let mut hasher = std::hash::DefaultHasher::new();
-        self.leg_work.hash(&mut hasher);
-        for c in &self.series.coefficients {
-            [c.re.to_bits(), c.im.to_bits()].hash(&mut hasher);
-        }
-        hasher.finish()
+        let lengths = self.leg_work.iter().map(Vec::len);
+        let counts = lengths.chain(self.leg_work.iter().flatten().copied());
+        let bits = self.series.coefficients.iter().flat_map(|c| [c.re.to_bits(), c.im.to_bits()]);
+        checksum::of_run(0, counts.map(|count| count as u64).chain(bits))
     }
 
     /// The modes that are propagated.

@@ -240,7 +240,8 @@ fn start_vector(matrix: &BlockMatrix, unknowns: usize) -> Vec<f64> {
             vector[local + v] = start_value(global + v);
         }
     });
-    if matrix.auxiliaries() == matrix.inflow.len() {
+    // Not by the number of rows with inflow, which may be 1 beside a common unknown, too.
+    if matrix.shared_row().is_none() {
         for (m, aux) in matrix.inflow.iter().enumerate() {
             vector[cells + m] = vector[aux.row as usize];
         }

@@ -10,7 +10,7 @@ use phasewarp::parallel::communicator::World;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Alpha, ProfileChoice};
-use phasewarp::quantum::access::{Scratch, SparseAccess};
+use phasewarp::quantum::access::{LargestEntries, Scratch, SparseAccess};
 use phasewarp::quantum::probability::{Deviation, square_sum};
 use phasewarp::quantum::sparsity::{Sparsity, measure};
 use phasewarp::quantum::walk::value_bits;
@@ -187,6 +187,10 @@ pub fn sparsity(world: &World) {
             let found = measure(&twin.case, &prepared.system.matrix, space);
             let found = found.expect("V is finite");
             check_counts(&twin, &weighted, &found, &name);
+            // The row of a common unknown is not the part of one rank.
+            let entries = LargestEntries::of(&prepared.system.matrix, space);
+            let fullest = found.counts.iter().find(|c| c.matrix == "H").map(|c| c.rows.most);
+            assert_eq!(Some(entries.nonzeros), fullest, "{name}");
             // The stated bounds hold, and bounds are stated only for cases to which they apply.
             for c in &found.counts {
                 assert!(c.rows.holds && c.columns.holds, "{name}: {c:?}");
