@@ -15,7 +15,7 @@ use crate::matrix::bundles::{Bundles, WIDTH};
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::kernel::{InstructionSet, LineStep, Vectorized};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
-use crate::matrix::row_lines::{MOST_NODES, RowLines};
+use crate::matrix::row_lines::{RowLines, for_nodes};
 use crate::matrix::rows::{AssemblySize, Rows};
 use crate::matrix::vector::Vector;
 use crate::matrix::velocity_lines::{NodeValue, ProductFactors, VelocityLines};
@@ -323,14 +323,9 @@ impl BlockMatrix {
         for run in runs {
             match self.rows.lines().nodes {
                 1 => self.sum_nodes::<1>(run.clone(), &entry, y, x),
-                2 => self.sum_nodes::<2>(run.clone(), &entry, y, x),
-                3 => self.sum_nodes::<3>(run.clone(), &entry, y, x),
-                4 => self.sum_nodes::<4>(run.clone(), &entry, y, x),
-                5 => self.sum_nodes::<5>(run.clone(), &entry, y, x),
-                6 => self.sum_nodes::<6>(run.clone(), &entry, y, x),
-                7 => self.sum_nodes::<7>(run.clone(), &entry, y, x),
-                8 => self.sum_nodes::<8>(run.clone(), &entry, y, x),
-                _ => self.sum_nodes::<MOST_NODES>(run.clone(), &entry, y, x),
+                nodes => for_nodes!(nodes, NODES => {
+                    self.sum_nodes::<NODES>(run.clone(), &entry, y, x)
+                }),
             }
         }
     }
@@ -560,11 +555,15 @@ impl BlockMatrix {
         count: usize,
         term: impl Fn(usize) -> f64,
     ) -> f64 {
-        let nv = self.block.velocity_cells;
-        let cells = self.block.cells();
-        let space = (0..cells / nv).map(|c| (c * nv..(c + 1) * nv).map(&term).sum::<f64>());
-        let aux = (cells..self.counted_rows()).map(&term);
-        group.sum(bound, count, space.chain(aux))
+        group.sum(bound, count, self.pieces().map(|rows| rows.map(&term).sum()))
+    }
+
+    /// Groups of rows that are on one rank in any partition: the velocities at each point of space,
+    /// then each auxiliary unknown. An unknown that the ranks share counts on the first rank.
+    pub fn pieces(&self) -> impl Iterator<Item = Range<usize>> + Clone + use<> {
+        let (nv, cells) = (self.block.velocity_cells, self.block.cells());
+        let points = (0..cells / nv).map(move |c| c * nv..(c + 1) * nv);
+        points.chain((cells..self.counted_rows()).map(|i| i..i + 1))
     }
 }
 

@@ -14,6 +14,7 @@
 //! summed over the axes, and couplings to auxiliary unknowns add `½ ‖C‖ √(1+μ²)` on either side.
 
 use crate::base::error::Result;
+use crate::base::row_major::volume;
 use crate::base::text::short;
 use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
@@ -27,7 +28,6 @@ use crate::scheme::reduce::grid;
 use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
 use std::collections::HashSet;
-use std::ops::Range;
 use std::sync::OnceLock;
 
 /// Kinds of cells are counted up to this number.
@@ -148,7 +148,7 @@ impl<'a> PotentialScan<'a> {
     /// Evaluates `V` some layers at a time, so that the whole potential is never stored.
     fn new(case: &'a Case) -> Result<Self> {
         let mut ranges: Vec<_> = case.space.x.iter().map(|a| 0..a.cells).collect();
-        let layer: usize = ranges[1..].iter().map(Range::len).product();
+        let layer = volume(&ranges[1..]);
         let first = &case.space.x[0];
         let layers = (CELLS_AT_ONCE / layer.max(1)).max(1).next_multiple_of(first.nodes.count());
         let (mut force, mut forces) = (0.0f64, [false; MAX_DIMENSION]);

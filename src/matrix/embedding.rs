@@ -39,6 +39,7 @@
 //! in fixed point, so that the bits are the same everywhere. This takes two reductions an
 //! application.
 
+use crate::base::bisect::bisect;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
 use crate::matrix::bundles::Bundles;
@@ -112,18 +113,13 @@ impl BlockMatrix {
         // λ ≥ ¼ Σ κ²/(λ − c) holds at the upper end of the interval at every step of the bisection.
         let [theta] = space
             .sum_lanes(self.inflow_rows, rows().map(|(c, square)| [square / (4.0 * (gamma - c))]));
-        let (mut low, mut high) = (least, least.max(theta));
-        for _ in 0..50 {
-            let middle = 0.5 * (low + high);
-            let terms = rows().map(|(c, square)| [0.25 * square / (middle - c)]);
+        let [_, above] = bisect(least, least.max(theta), 50, |lambda| {
+            let terms = rows().map(|(c, square)| [0.25 * square / (lambda - c)]);
             let [sum] = space.sum_lanes(self.inflow_rows, terms);
-            if sum <= middle {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        high
+            // NaN at a pole, which lies below the root.
+            sum.is_nan() || sum > lambda
+        });
+        above
     }
 
     /// Sets the weights of the auxiliary unknowns in `pi`: those of their rows, or `common`.

@@ -17,7 +17,7 @@
 //! instead of `12 (k + 1)`. Couplings that differ at the ends of the box stay in the rows.
 
 use crate::matrix::lanes::{Lanes, StepConstants};
-use crate::matrix::row_lines::{MOST_NODES, MatrixEntry, RowLines};
+use crate::matrix::row_lines::{MatrixEntry, RowLines, for_nodes};
 use crate::matrix::vector::Vector;
 use crate::parallel::partition::Block;
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -289,16 +289,9 @@ impl ForcedAxis {
         wanted: Range<usize>,
         pass: &mut P,
     ) {
-        match self.element.nodes {
-            2 => self.add_sized::<P, ROWS, WHOLE, 2>(first, wanted, pass),
-            3 => self.add_sized::<P, ROWS, WHOLE, 3>(first, wanted, pass),
-            4 => self.add_sized::<P, ROWS, WHOLE, 4>(first, wanted, pass),
-            5 => self.add_sized::<P, ROWS, WHOLE, 5>(first, wanted, pass),
-            6 => self.add_sized::<P, ROWS, WHOLE, 6>(first, wanted, pass),
-            7 => self.add_sized::<P, ROWS, WHOLE, 7>(first, wanted, pass),
-            8 => self.add_sized::<P, ROWS, WHOLE, 8>(first, wanted, pass),
-            _ => self.add_sized::<P, ROWS, WHOLE, MOST_NODES>(first, wanted, pass),
-        }
+        for_nodes!(self.element.nodes, NODES => {
+            self.add_sized::<P, ROWS, WHOLE, NODES>(first, wanted, pass)
+        })
     }
 
     #[inline(always)]

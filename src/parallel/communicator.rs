@@ -8,7 +8,7 @@ pub mod vote;
 pub(crate) mod watch;
 
 use crate::base::error::{Error, Result};
-use crate::base::fixed_point::FixedPoint;
+use crate::base::fixed_point::{FixedPoint, larger};
 use crate::base::machine;
 use crate::parallel::partition::{Block, Exchange, ProcessMesh};
 use mpi::collective::SystemOperation;
@@ -356,7 +356,7 @@ impl Group {
     }
 
     /// Sums `N` lists of terms at once, each by its own representation. Allocates nothing.
-    fn fixed_sums<const N: usize>(
+    pub(crate) fn fixed_sums<const N: usize>(
         &self,
         fixed: [FixedPoint; N],
         terms: impl Iterator<Item = [f64; N]>,
@@ -514,11 +514,6 @@ fn offsets(lengths: &[i32]) -> Vec<i32> {
         end - length
     };
     lengths.iter().map(&mut place).collect()
-}
-
-/// The larger one of two numbers, NaN if one is.
-fn larger(a: f64, b: f64) -> f64 {
-    if b.is_nan() || b > a { b } else { a }
 }
 
 /// A bound of which fixed-point numbers can be made: 0 in place of one that is not finite.

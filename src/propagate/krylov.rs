@@ -367,8 +367,8 @@ impl Krylov {
     }
 
     /// `w ← Σ_j c_j u_j`.
-    fn combine(&mut self, coefficients: &[[f64; 2 * LANES]]) {
-        for (j, c) in coefficients.iter().enumerate() {
+    fn combine(&mut self, coefficients: &[Lanes]) {
+        for (j, Lanes(c)) in coefficients.iter().enumerate() {
             let u = &self.basis[j * self.length..];
             for (w, Lanes(u)) in self.state.iter_mut().zip(u) {
                 if j == 0 {
@@ -421,7 +421,7 @@ impl Propagator for Krylov {
             self.build(system, &mut constants, &norms, m, &sizes);
             report.applications += batch.modes * m;
 
-            let mut coefficients = [[0.0; 2 * LANES]; DIMENSION];
+            let mut coefficients = [Lanes::ZERO; DIMENSION];
             for l in 0..LANES {
                 let most = self.step.unwrap_or(time).min(left[l]);
                 let (tau, error) =
@@ -430,8 +430,7 @@ impl Propagator for Krylov {
                 left[l] -= tau;
                 let mut power = Complex64::from(norms[l]);
                 for (c, y) in coefficients.iter_mut().zip(self.projected.exponential(m, tau)) {
-                    let value = power * y;
-                    (c[l], c[LANES + l]) = (value.re, value.im);
+                    c.set_lane(l, power * y);
                     // v_j = i^j u_j.
                     power *= Complex64::I;
                 }

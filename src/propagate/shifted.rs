@@ -11,9 +11,9 @@
 //! timing or mode groups.
 
 use crate::base::error::{Error, Result};
-use crate::base::fixed_point::FixedPoint;
+use crate::base::fixed_point::{FixedPoint, larger};
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::propagate::evolution::{Evolution, MatrixShare, pieces};
+use crate::propagate::evolution::{Evolution, MatrixShare};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
@@ -270,20 +270,10 @@ impl ShiftedSolver {
 /// `‖v‖`, NaN where it is not finite. Collective over the space group; allocates nothing.
 fn length(system: &Evolution<'_>, v: &[Complex64]) -> f64 {
     let square = |rows: Range<usize>| v[rows].iter().map(|v| v.norm_sqr()).sum::<f64>();
-    let mut largest: f64 = 0.0;
-    for rows in pieces(system.matrix) {
-        if largest.is_nan() {
-            break;
-        }
-        let square = square(rows);
-        // NaN remains NaN.
-        if square.is_nan() || square > largest {
-            largest = square;
-        }
-    }
+    let largest = system.matrix.pieces().map(square).fold(0.0, larger);
     let bound = system.space.max(largest);
-    let sums = pieces(system.matrix).map(square);
-    system.space.sum(bound, system.terms, sums).max(0.0).sqrt()
+    let squares = system.matrix.pieces().map(square);
+    system.space.sum(bound, system.terms, squares).max(0.0).sqrt()
 }
 
 fn pattern<'a>(offsets: &'a [usize], rows: &'a [usize]) -> SymbolicSparseColMatRef<'a, usize> {
@@ -315,7 +305,7 @@ impl Gmres {
         let integers = &mut self.integers[..4 * count];
         integers.fill(0);
         let last = &self.basis[count * self.length..];
-        for rows in pieces(system.matrix) {
+        for rows in system.matrix.pieces() {
             for k in 0..count {
                 let v = &self.basis[k * self.length..];
                 let sum: Complex64 = rows.clone().map(|i| v[i].conj() * last[i]).sum();

@@ -32,7 +32,7 @@ mod reading;
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
-use crate::matrix::lanes::{LANES, Lanes};
+use crate::matrix::lanes::LANES;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Interface};
@@ -410,8 +410,8 @@ impl ModeEvolution<'_> {
             let report = propagator.propagate(&mut system, &spec, &initial)?;
             for lane in 0..used {
                 let l = mode(lane);
-                for (i, Lanes(x)) in propagator.state()[..rows].iter().enumerate() {
-                    let w = report.phases[lane] * Complex64::new(x[lane], x[LANES + lane]);
+                for (i, row) in propagator.state()[..rows].iter().enumerate() {
+                    let w = report.phases[lane] * row.lane(lane);
                     let line = &mut evolved[i * points..(i + 1) * points];
                     // Without the mode −N_p/2, which has no partner.
                     if points / 2 + l < points {

@@ -109,10 +109,9 @@ impl LaneProgress {
 
     /// Loads the modes of `batch` that this rank has stored into `state`, and their progress.
     fn load(&mut self, kept: &RankModes, batch: &Batch, state: &mut [Lanes]) {
-        kept.load(&batch.modes, state);
+        kept.load(batch, state);
         for l in 0..LANES {
-            let mode = batch.modes[l.min(batch.modes.len() - 1)];
-            if let Some(progress) = kept.progress_of(mode) {
+            if let Some(progress) = kept.progress_of(batch.mode(l)) {
                 (self.phases[l], self.allowed[l], self.norms[l]) =
                     (progress.phase, progress.allowed, progress.norm);
             }
@@ -236,11 +235,10 @@ fn weights(
 }
 
 fn specification(warp: &WarpPlan, leg: usize, batch: &Batch) -> BatchSpec {
-    let mode = |l: usize| batch.modes[l.min(batch.modes.len() - 1)];
     BatchSpec {
         modes: batch.modes.len(),
-        wavenumbers: std::array::from_fn(|l| warp.wavenumber(mode(l))),
-        tolerances: std::array::from_fn(|l| warp.leg_tolerance(mode(l))),
-        work: std::array::from_fn(|l| warp.leg_work[leg][mode(l)]),
+        wavenumbers: std::array::from_fn(|l| warp.wavenumber(batch.mode(l))),
+        tolerances: std::array::from_fn(|l| warp.leg_tolerance(batch.mode(l))),
+        work: std::array::from_fn(|l| warp.leg_work[leg][batch.mode(l)]),
     }
 }

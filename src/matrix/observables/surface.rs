@@ -21,6 +21,7 @@
 //! by `overlap`, with weights that fall linearly from 1 to 0 and sum to 1.
 
 use crate::base::quadrature::gauss_legendre;
+use crate::base::row_major::position;
 use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::level_sets::{IDENTITY, determinant};
 use crate::matrix::observables::zeros::{basis, basis_slopes, evaluate, has_one_sign, zeros};
@@ -257,11 +258,11 @@ impl SurfacePatch<'_> {
             .collect();
         let volume: f64 = self.space.axes().map(|axis| axis.width()).product();
         let density = evaluate(&self.phi, &bases) / square(solved).sqrt();
-        let cell = share.iter().enumerate().fold(0, |cell, (a, range)| {
-            let line = &self.lines[a];
-            let first = self.element.index[a] * line.nodes.count();
-            cell * range.len() + first + line.cell(xi[a]) - range.start
+        let cell: [usize; MAX_DIMENSION] = std::array::from_fn(|a| match a < n {
+            true => self.element.index[a] * self.lines[a].nodes.count() + self.lines[a].cell(xi[a]),
+            false => 0,
         });
+        let cell = position(share, &cell).expect("the element is in the share");
         let mass = part * counts * weight * volume * density;
         Some(SurfaceZero { cell, mass, point: self.element.point(xi) })
     }

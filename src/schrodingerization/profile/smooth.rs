@@ -24,7 +24,7 @@
 //!     + Σ_{k>r} (q^{(k)}(−1) e^{iμ} − q^{(k)}(0)) (iμ)^{−k−1}.
 //! ```
 
-use crate::base::quadrature::gauss_legendre;
+use crate::base::quadrature::{gauss_legendre, legendre_values};
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
 use crate::schrodingerization::profile::window::{
     ProfileRequirements, Window, best_window, summed_by_parts,
@@ -110,12 +110,8 @@ impl Smooth {
             let t = point.node;
             let point = point.moved_to([-1.0, 0.0]);
             let part = point.weight * self.polynomial(point.node);
-            let [mut before, mut legendre] = [0.0, 1.0];
-            for (k, sum) in sums.iter_mut().enumerate() {
+            for (sum, legendre) in sums.iter_mut().zip(legendre_values(count - 1, t)) {
                 *sum += part * legendre;
-                let k = k as f64;
-                let next = ((2.0 * k + 1.0) * t * legendre - k * before) / (k + 1.0);
-                [before, legendre] = [legendre, next];
             }
         }
         let scaled = |(k, sum): (usize, f64)| {
