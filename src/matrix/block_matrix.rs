@@ -12,7 +12,7 @@
 mod couplings;
 
 use crate::matrix::bundles::{Bundles, WIDTH};
-use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
+use crate::matrix::inflow::{AuxiliaryRow, VaryingInflow};
 use crate::matrix::kernel::{InstructionSet, LineStep, Vectorized};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
 use crate::matrix::row_lines::{RowLines, for_nodes};
@@ -65,11 +65,11 @@ pub struct BlockMatrix {
     /// The sources of a time-dependent inflow for each row of `inflow`; empty if it is constant.
     pub entering: VaryingInflow,
     /// Whether all rows share one common auxiliary unknown, of which every rank has a copy.
-    pub(crate) shared: bool,
+    pub(crate) has_common_unknown: bool,
     /// Whether the common unknown has couplings; its row then is a sum over all ranks.
-    pub(crate) summed: bool,
+    pub(crate) common_is_coupled: bool,
     /// Largest growth that these couplings add, for degrees above 0.
-    pub(crate) summed_growth: f64,
+    pub(crate) common_growth: f64,
     /// Whether an axis has a degree above 0.
     pub(crate) by_elements: bool,
     /// Nodes of an element along the first space axis.
@@ -78,7 +78,7 @@ pub struct BlockMatrix {
     pub(crate) velocity_lines: VelocityLines,
     /// Whether this rank's copy of the common unknown counts in sums. It is on the block with the
     /// lowest corner.
-    pub(crate) counts_shared: bool,
+    pub(crate) counts_common: bool,
     /// Rows of `inflow` over all ranks.
     pub(crate) inflow_rows: usize,
     /// Initial value of an auxiliary unknown without couplings.
@@ -95,35 +95,9 @@ pub struct BlockMatrix {
 }
 
 impl BlockMatrix {
-    /// The matrix of `rows` with the inflow.
-    pub(crate) fn new(block: Block, rows: Rows, inflow: InflowRows) -> Self {
-        let InflowRows { list, entering, shared } = inflow;
-        let mut this = Self {
-            counts_shared: block.ranges.iter().all(|r| r.start == 0),
-            block,
-            inflow: list,
-            entering,
-            shared,
-            summed: false,
-            summed_growth: 0.0,
-            by_elements: false,
-            first_axis_nodes: 1,
-            velocity_lines: VelocityLines::default(),
-            inflow_rows: 0,
-            uncoupled: 0.0,
-            rows,
-            assembly: AssemblySize::default(),
-            bundles: Bundles::default(),
-            interior: Vec::new(),
-            border: Vec::new(),
-        };
-        this.find_border();
-        this
-    }
-
     /// Sorts the lines into runs that need ghosts and runs that do not. Elements of velocity lines
     /// are not parted.
-    fn find_border(&mut self) {
+    pub(crate) fn find_border(&mut self) {
         let rows = self.rows();
         let touches = |i: usize| self.rows.stored_row(i).any(|(column, ..)| column >= rows);
         let (mut interior, mut border): (Vec<Range<usize>>, Vec<Range<usize>>) = Default::default();
@@ -174,12 +148,12 @@ impl BlockMatrix {
 
     /// Number of auxiliary unknowns of this rank.
     pub fn auxiliaries(&self) -> usize {
-        if self.shared { 1 } else { self.inflow.len() }
+        if self.has_common_unknown { 1 } else { self.inflow.len() }
     }
 
     /// The global number of the cell of each auxiliary unknown; `u64::MAX` for the common one.
     pub fn auxiliary_cells(&self) -> Vec<u64> {
-        if self.shared {
+        if self.has_common_unknown {
             return vec![u64::MAX];
         }
         let nv = self.block.velocity_cells;
@@ -197,13 +171,13 @@ impl BlockMatrix {
     /// The row of the common auxiliary unknown, if there is one; [`row`](Self::row) gives this
     /// rank's part of it.
     pub fn shared_row(&self) -> Option<usize> {
-        self.shared.then(|| self.block.cells())
+        self.has_common_unknown.then(|| self.block.cells())
     }
 
     /// Number of rows, from the first, that count in sums over ranks. The common unknown is the
     /// last row, and only one of its copies counts.
     pub fn counted_rows(&self) -> usize {
-        self.rows() - usize::from(self.shared && !self.counts_shared)
+        self.rows() - usize::from(self.has_common_unknown && !self.counts_common)
     }
 
     /// Length of vectors the matrix is applied to: rows and ghosts.
@@ -235,7 +209,8 @@ impl BlockMatrix {
     /// then the others in the order of global columns. The row of the common auxiliary unknown has
     /// only the entries of this rank's cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        let common = if self.shared && i == self.block.cells() { &self.inflow[..] } else { &[] };
+        let common =
+            if self.has_common_unknown && i == self.block.cells() { &self.inflow[..] } else { &[] };
         let half = |aux: &AuxiliaryRow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
         self.rows.row(i).chain(common.iter().map(half))
     }
@@ -407,7 +382,7 @@ impl BlockMatrix {
         x: &mut [f64],
     ) {
         self.apply_then(exchange, operator, y, x, |_, _, _| {});
-        if self.summed && operator != Operator::Generator {
+        if self.common_is_coupled && operator != Operator::Generator {
             let share = |aux: &AuxiliaryRow| [aux.coupling * x[aux.row as usize]];
             let [sum] =
                 (exchange.group()).sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
@@ -466,7 +441,8 @@ impl BlockMatrix {
     /// only on it, on the two adjacent ones and on auxiliary unknowns. So it is for degree 0 on a
     /// block without ghosts whose first axis is not periodic.
     pub(crate) fn layer(&self) -> Option<usize> {
-        let stands_alone = !self.by_elements && self.block.ghosts() == 0 && !self.block.closed;
+        let stands_alone =
+            !self.by_elements && self.block.ghosts() == 0 && !self.block.first_axis_is_periodic;
         stands_alone.then(|| self.block.cells() / self.block.ranges[0].len())
     }
 
@@ -505,13 +481,13 @@ impl BlockMatrix {
         for lines in &self.border {
             self.step_lines(lines.clone(), constants, y, x, start);
         }
-        if self.summed {
+        if self.common_is_coupled {
             let couplings = self.inflow.iter().map(|aux| aux.coupling);
             self.step_shared(exchange, constants, couplings, y, x);
         }
         if let Some(couplings) = couplings {
             self.step_couplings(constants, 0..self.inflow.len(), couplings, y, x);
-            if self.shared {
+            if self.has_common_unknown {
                 self.step_shared(exchange, constants, couplings.iter().copied(), y, x);
             }
         }

@@ -109,7 +109,7 @@ pub struct Blocking {
 impl Blocking {
     /// Whether steps can be blocked: no row is a sum over all ranks.
     pub fn possible(matrix: &BlockMatrix) -> bool {
-        !matrix.shared
+        !matrix.has_common_unknown
     }
 
     /// The blocking of `shape`, for a matrix for which it is [`possible`](Self::possible).
@@ -432,7 +432,7 @@ impl BlockingShape {
             // the cells at the other end.
             let waiting: f64 = (block.ranges.iter().zip(&wide).enumerate())
                 .map(|(a, (own, wide))| {
-                    let around = if a == 0 && block.closed { 2 } else { 0 };
+                    let around = if a == 0 && block.first_axis_is_periodic { 2 } else { 0 };
                     let sides = (wide.len() - own.len() + around) as f64;
                     let cells = if a == 0 { own.len() / nodes } else { own.len() };
                     0.5 * sides * depth as f64 / cells as f64

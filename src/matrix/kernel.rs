@@ -284,7 +284,8 @@ impl<R: StartRow> Vectorized for LineStep<'_, R> {
 pub trait Vectorized {
     /// Does the work with vectors `V` and `ROWS` rows of a line at a time (see `step_lines`). It
     /// must be `#[inline(always)]` to be compiled for the instruction set. `FMA` is set only if the
-    /// processor has fused multiply-add: elsewhere `mul_add` is a slow library call.
+    /// processor has fused multiply-add: elsewhere `mul_add` is a slow library call. `WHOLE` is set
+    /// where the registers hold the sums of all rows of an element at once.
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self);
 }
 
@@ -312,28 +313,28 @@ pub enum InstructionSet {
 }
 
 /// Environment variable that names an instruction set.
-pub const VARIABLE: &str = "PHASEWARP_INSTRUCTION_SET";
+pub const INSTRUCTION_SET_VARIABLE: &str = "PHASEWARP_INSTRUCTION_SET";
 
 impl InstructionSet {
-    /// The set that [`VARIABLE`] names, or else the best of this processor; determined once.
+    /// The set that [`INSTRUCTION_SET_VARIABLE`] names, or else the best of this processor; determined once.
     pub fn here() -> Self {
         static HERE: OnceLock<InstructionSet> = OnceLock::new();
         let best = || Self::all().next().unwrap_or(Self::Generic);
         *HERE.get_or_init(|| Self::chosen().ok().flatten().unwrap_or_else(best))
     }
 
-    /// The set that [`VARIABLE`] names; none if it is not set.
+    /// The set that [`INSTRUCTION_SET_VARIABLE`] names; none if it is not set.
     ///
     /// # Errors
     /// [`Error::Input`] if this processor has no set of that name.
     pub fn chosen() -> Result<Option<Self>> {
-        let Some(name) = std::env::var_os(VARIABLE) else {
+        let Some(name) = std::env::var_os(INSTRUCTION_SET_VARIABLE) else {
             return Ok(None);
         };
         match Self::all().find(|set| name == set.name()) {
             Some(set) => Ok(Some(set)),
             None => Err(Error::Input(format!(
-                "{VARIABLE}={}: this processor has {}",
+                "{INSTRUCTION_SET_VARIABLE}={}: this processor has {}",
                 name.display(),
                 Self::all().map(Self::name).collect::<Vec<_>>().join(", ")
             ))),

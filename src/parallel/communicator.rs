@@ -496,13 +496,8 @@ impl Group {
 
     /// The ranks that give the same `color`, in the order of their ranks.
     fn split(&self, color: usize) -> Group {
-        let color = Color::with_value(color as i32);
-        Group {
-            communicator: self
-                .communicator
-                .split_by_color(color)
-                .unwrap_or_else(|| self.communicator.duplicate()),
-        }
+        let part = self.communicator.split_by_color(Color::with_value(color as i32));
+        Group { communicator: part.expect("a colour is given") }
     }
 }
 

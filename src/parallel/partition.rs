@@ -151,7 +151,7 @@ pub struct Block {
     pub velocity_line: usize,
     /// Whether the first x-axis is periodic: the first cells of the block along it are next to the
     /// last ones.
-    pub closed: bool,
+    pub first_axis_is_periodic: bool,
     slabs: Vec<GhostLayer>,
     shape: Vec<usize>,
 }
@@ -226,7 +226,7 @@ impl Block {
             ranges,
             velocity_cells,
             velocity_line: space.v.last().map_or(1, |axis| axis.cells),
-            closed: space.is_periodic(0),
+            first_axis_is_periodic: space.is_periodic(0),
             slabs,
             shape: space.x.iter().map(|a| a.cells).collect(),
         }

@@ -234,7 +234,8 @@ impl Chebyshev {
         let mut left = degree;
         while left > 0 {
             self.levels.clear();
-            let levels = system.interruption.before_look(left.min(self.blocking.depth()));
+            let levels =
+                system.interruption.applications_until_check(left.min(self.blocking.depth()));
             let level = |k| level(constants, k, coefficient(&self.coefficients, k));
             self.levels.extend((left - levels..left).rev().map(level));
             let steps = RecurrenceSteps { levels: &self.levels, couplings };
@@ -272,7 +273,7 @@ impl Chebyshev {
         let mut done = 0;
         while done < degree {
             let most = blocking.depth().min(degree - done);
-            let to = done + system.interruption.before_look(most);
+            let to = done + system.interruption.applications_until_check(most);
             self.levels.clear();
             self.levels.extend((done..to).map(|k| level(constants, k, [0.0; LANES])));
             terms.expect(done + 1..to + 1);

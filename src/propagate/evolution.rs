@@ -22,7 +22,7 @@ pub struct Evolution<'a> {
     /// The time `T` to propagate over.
     pub time: f64,
     /// Space cells and auxiliary unknowns over the space group: terms of a norm.
-    pub terms: usize,
+    pub norm_terms: usize,
     /// Decides whether a batch is interrupted.
     pub interruption: Interruption,
 }
@@ -37,7 +37,7 @@ impl Evolution<'_> {
         bounds: &[f64; LANES],
         mut term: impl FnMut(usize) -> [f64; LANES],
     ) -> [f64; LANES] {
-        let fixed = bounds.map(|bound| FixedPoint::new(2.0 * bound, self.terms));
+        let fixed = bounds.map(|bound| FixedPoint::new(2.0 * bound, self.norm_terms));
         let sums = self.matrix.pieces().map(|rows| {
             let mut sums = [0.0; LANES];
             for i in rows {

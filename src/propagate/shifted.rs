@@ -273,7 +273,7 @@ fn length(system: &Evolution<'_>, v: &[Complex64]) -> f64 {
     let largest = system.matrix.pieces().map(square).fold(0.0, larger);
     let bound = system.space.max(largest);
     let squares = system.matrix.pieces().map(square);
-    system.space.sum(bound, system.terms, squares).max(0.0).sqrt()
+    system.space.sum(bound, system.norm_terms, squares).max(0.0).sqrt()
 }
 
 fn pattern<'a>(offsets: &'a [usize], rows: &'a [usize]) -> SymbolicSparseColMatRef<'a, usize> {
@@ -301,7 +301,7 @@ impl Gmres {
     /// `products[k] ← ⟨v_k, v_count⟩` for `k < count`, of magnitude at most `bound`. Collective
     /// over the space group.
     fn project(&mut self, system: &Evolution<'_>, count: usize, bound: f64) {
-        let fixed = FixedPoint::new(bound, system.terms);
+        let fixed = FixedPoint::new(bound, system.norm_terms);
         let integers = &mut self.integers[..4 * count];
         integers.fill(0);
         let last = &self.basis[count * self.length..];

@@ -71,7 +71,7 @@ pub struct Schedule {
     /// The auxiliary unknowns, in weighted unknowns.
     pub unknowns: Vec<f64>,
     /// Growth that the inflow adds for elements with one unknown for all rows.
-    pub summed_growth: f64,
+    pub common_growth: f64,
     /// Relative l2 error of the field from the steps.
     pub error: f64,
     /// Norm `‖f(T)‖` of the field at the end.
@@ -428,7 +428,7 @@ impl Schedule {
             let terms = search.halved_strengths(&most, self.steps).into_iter().map(|term| [term]);
             let [sum] = space.sum_lanes(space.sum_count(rows), terms);
             let delta = given.unwrap_or((sum / allowed).sqrt());
-            self.summed_growth = if delta > 0.0 { sum / (delta * delta) } else { 0.0 };
+            self.common_growth = if delta > 0.0 { sum / (delta * delta) } else { 0.0 };
             self.unknowns = vec![delta];
             vec![delta; rows]
         } else {

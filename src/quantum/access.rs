@@ -179,19 +179,6 @@ impl<'a> SparseAccess<'a> {
         found.map_or(0.0, |place| row.entries[place].1)
     }
 
-    /// `|H_jk⟩_m`: the real and imaginary part of [`value`](Self::value) as whole numbers of
-    /// [`unit`](Self::unit)s, rounded to the nearest. Each has `m` bits, one of them the sign, with
-    /// `m` from 2 to 52.
-    pub fn value_bits(&self, scratch: &mut Scratch, j: usize, k: usize, m: u32) -> [i64; 2] {
-        let value = self.value(scratch, j, k);
-        [value.re, value.im].map(|x| (x / self.unit(m)).round() as i64)
-    }
-
-    /// The unit of `m`-bit values, the weight of their last bit: `‖H‖_max/(2^{m−1} − 1)`.
-    pub fn unit(&self, m: u32) -> f64 {
-        self.largest / ((1i64 << (m - 1)) - 1) as f64
-    }
-
     /// `√(π_i/π_j)` for cells.
     fn ratio(&self, i: usize, j: usize) -> f64 {
         (self.pi[i] / self.pi[j]).sqrt()

@@ -387,7 +387,7 @@ impl ModeEvolution<'_> {
         let works: Vec<usize> = (0..modes).map(&mut work).collect();
         let most = works.iter().copied().max().unwrap_or(0);
         let mut propagator = Chebyshev::new(&problem.matrix, most, most);
-        let norm = problem.norm(communicator, &problem.states[0], false);
+        let norm = problem.norm(communicator, &problem.states[0]);
         let initial = InitialState::real(&problem.states[0][..rows], norm);
         let mut system = Evolution {
             matrix: &problem.matrix,
@@ -395,7 +395,7 @@ impl ModeEvolution<'_> {
             space: &communicator.space,
             bounds,
             time: case.duration(),
-            terms: problem.terms,
+            norm_terms: problem.norm_terms,
             interruption: Interruption::default(),
         };
         for first in (0..modes).step_by(LANES) {

@@ -385,7 +385,7 @@ impl ResourceCounts {
         let tau = exact(d * largest * time);
         let evolution = WalkCost::new(&tau, &fine);
         let bits = evolution.bits.or_zero();
-        let unknowns = system.terms - case.space.space_cells() + case.space.cells();
+        let unknowns = system.norm_terms - case.space.space_cells() + case.space.cells();
         let qubits = RegisterSizes::new(case, unknowns, points, bits);
         let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
         let queries = OracleQueries::new(&evolution, &probabilities.evolutions());

@@ -161,7 +161,7 @@ fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
     let [_, auxiliary] = system.norms_of_parts(communicator, start);
     let squares = |i: usize| [weight(i) * field[i], field[i]].map(|f| f * f);
     let [weighted, field] = volumes.sums(world, squares).map(f64::sqrt);
-    StateNorms { start: system.norm(communicator, start, false), weighted, field, auxiliary }
+    StateNorms { start: system.norm(communicator, start), weighted, field, auxiliary }
 }
 
 /// Puts the distance to the exact semi-discrete solution (`solver.verify`) into `summary`: the
@@ -229,7 +229,7 @@ pub(crate) fn continued(
     let start = case.start_field.as_ref()?;
     let origin = start.origin?;
     let norms = FieldNorms::new(prepared, f);
-    let before = system.norm(&prepared.communicator, &system.states[0], true);
+    let before = system.field_norm(&prepared.communicator, &system.states[0]);
     let ratio = before / norms.norm();
     let weights = &system.weights;
     let spread = if weights.are_volumes { 1.0 } else { weights.spread };
@@ -284,7 +284,7 @@ fn estimate(
     let mut found: Option<(f64, f64)> = None;
     for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
         let norms = FieldNorms::new(prepared, &readings[0]);
-        let ratio = system.norm(communicator, state, false) / norms.norm();
+        let ratio = system.norm(communicator, state) / norms.norm();
         if !ratio.is_finite() {
             continue;
         }

@@ -13,9 +13,9 @@ use crate::schrodingerization::profile::constant::Constant;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::window::PLATEAU;
 use crate::schrodingerization::profile::{
-    Profile, ProfileForm, ProfileRequirements, ProfileShape, Window,
+    PlacedProfile, Profile, ProfileForm, ProfileRequirements, ProfileShape, Window,
 };
-use crate::schrodingerization::recovery::{Reading, shown};
+use crate::schrodingerization::recovery::{Reading, visible_error_parts};
 use std::f64::consts::PI;
 
 /// Distance in `p` of the second recovery point from the first.
@@ -121,10 +121,11 @@ impl PlannedProfile {
     /// As [`plan_placement`].
     fn new(case: &Case, bounds: &Bounds, ratio: f64, warnings: &mut Vec<String>) -> Result<Self> {
         let requirements = requirements(case, bounds, ratio);
-        let (profile, window) = match Profile::plan(&case.warp.choice(), &requirements) {
-            Some(planned) => planned,
-            None => relaxed(case, bounds, ratio, &requirements, warnings)?,
-        };
+        let PlacedProfile { profile, window } =
+            match Profile::plan(&case.warp.choice(), &requirements) {
+                Some(planned) => planned,
+                None => relaxed(case, bounds, ratio, &requirements, warnings)?,
+            };
         Ok(Self { requirements, profile, window })
     }
 }
@@ -351,11 +352,11 @@ fn relaxed(
     ratio: f64,
     requirements: &ProfileRequirements,
     warnings: &mut Vec<String>,
-) -> Result<(Profile, Window)> {
+) -> Result<PlacedProfile> {
     let choice = &case.warp.choice();
     let growth = requirements.growth;
     let open = ProfileRequirements { interval: None, shortest: true, ..*requirements };
-    let Some((profile, window)) = Profile::plan(choice, &open) else {
+    let Some(guaranteed) = Profile::plan(choice, &open) else {
         return Err(no_profile(case, ratio, &open));
     };
     let transport = ProfileRequirements {
@@ -369,7 +370,7 @@ fn relaxed(
              that follows from a growth x time of at most {growth:.4}; without that growth it is \
              long enough",
             length(requirements),
-            window.period,
+            guaranteed.window.period,
             requirements.decay
         ));
         return Ok(planned);
@@ -383,14 +384,14 @@ fn relaxed(
             to the state at the start, {ratio:.3e} times \
              as large as the field at the end; relative to the field {:.4} guarantees it",
             length(requirements),
-            window.period
+            guaranteed.window.period
         ));
         return Ok(planned);
     }
     // A sufficient interval for the refusal's message: its ends for the decay of the transport
     // alone, relative to the state.
     let open = ProfileRequirements { decay: of_state.decay, tolerance: of_state.tolerance, ..open };
-    let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
+    let PlacedProfile { profile, window } = Profile::plan(choice, &open).unwrap_or(guaranteed);
     let [lower, upper] = profile.ends(&open, &window);
     Err(Error::Interval {
         place: case.interval_place.clone(),
@@ -495,7 +496,7 @@ fn most_alike(
     const TRIED: u32 = 16;
     let candidates = (TRIED / 2..=TRIED).map(|i| {
         let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));
-        let [least, largest] = shown(series, [&readings[0], &readings[1]], spectrum);
+        let [least, largest] = visible_error_parts(series, [&readings[0], &readings[1]], spectrum);
         (readings, least, largest)
     });
     let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;

@@ -157,7 +157,7 @@ fn start_value(global: usize) -> f64 {
 ///
 /// # Errors
 /// [`Error::NotFinite`].
-pub fn of(
+pub fn find(
     problem: &mut DiscreteSystem,
     space: &Group,
     steps: usize,
@@ -165,7 +165,7 @@ pub fn of(
     let bound = gershgorin(&problem.matrix, space);
     let norm = bound[0].abs().max(bound[1].abs());
     let exchange = &mut problem.exchange;
-    let found = extremes(&problem.matrix, exchange, space, norm, problem.terms, steps);
+    let found = extremes(&problem.matrix, exchange, space, norm, problem.norm_terms, steps);
     for end in [found.highest, found.lowest] {
         if !end.value.is_finite() {
             return Err(Error::NotFinite(format!("{} as an eigenvalue of S", end.value)));

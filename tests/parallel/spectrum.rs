@@ -83,7 +83,7 @@ pub fn extreme_eigenvalues(world: &World) {
             let mut weighted = Weighted::new(world, &twin, &mesh);
             let mut piece = Piece::assemble(world, &twin, &mesh);
             let prepared = &mut weighted.prepared;
-            let terms = prepared.system.terms;
+            let terms = prepared.system.norm_terms;
             let mut systems = vec![DistributedMatrix {
                 matrix: &piece.matrix,
                 exchange: &mut piece.exchange,

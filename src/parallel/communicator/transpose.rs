@@ -59,7 +59,7 @@ impl<'a> Transpose<'a> {
     }
 
     /// Number of ranks.
-    pub fn size(&self) -> usize {
+    fn size(&self) -> usize {
         self.group.size()
     }
 

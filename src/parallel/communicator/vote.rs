@@ -16,7 +16,7 @@ pub struct Vote {
     group: Group,
     /// The value that this rank posted, and the outcome. MPI owns both between `post` and the end
     /// of the vote.
-    ballots: Vec<u64>,
+    ballots: Box<[u64; 2]>,
     request: ffi::MPI_Request,
     posted: bool,
 }
@@ -26,7 +26,7 @@ impl Vote {
     pub fn new(group: &Group) -> Self {
         Self {
             group: Group { communicator: group.communicator.duplicate() },
-            ballots: vec![0; 2],
+            ballots: Box::default(),
             // SAFETY: a constant of the library, which is never written.
             request: unsafe { ffi::RSMPI_REQUEST_NULL },
             posted: false,

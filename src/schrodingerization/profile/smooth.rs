@@ -27,7 +27,7 @@
 use crate::base::quadrature::{gauss_legendre, legendre_values};
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
 use crate::schrodingerization::profile::window::{
-    ProfileRequirements, Window, best_window, summed_by_parts,
+    PlacedProfile, ProfileRequirements, best_window, summed_by_parts,
 };
 use num_complex::Complex64;
 use std::f64::consts::E;
@@ -62,7 +62,10 @@ fn factorial(n: usize) -> f64 {
 
 impl Smooth {
     /// The profile of `r = order` for `requirements`, and its window.
-    pub fn meeting(order: usize, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+    pub fn meeting(
+        order: usize,
+        requirements: &ProfileRequirements,
+    ) -> Option<PlacedProfile<Self>> {
         best_window(Self::new(order), 0.0, requirements)
     }
 

@@ -11,7 +11,7 @@
 //! | | the kept modes: a complex number a row, mode after mode |
 //! | 1 | checksum of all words before ([`crate::base::checksum`]) |
 
-use crate::base::checksum::of_run;
+use crate::base::checksum::run_checksum;
 use crate::base::disk::open_regular;
 use crate::base::row_major::volume;
 use crate::parallel::partition::common_runs;
@@ -164,7 +164,8 @@ struct FileWriter {
 impl FileWriter {
     fn put(&mut self, words: impl Iterator<Item = u64>) -> Result<()> {
         for word in words {
-            self.checksum = (self.checksum).wrapping_add(of_run(self.words, std::iter::once(word)));
+            self.checksum =
+                (self.checksum).wrapping_add(run_checksum(self.words, std::iter::once(word)));
             self.words += 1;
             self.file.write_all(&word.to_le_bytes())?;
         }
@@ -188,7 +189,7 @@ pub fn check(path: &Path, written: &FileRecord) -> std::result::Result<(), Strin
     }
     let (count, mut sum, mut last) = (bytes as usize / 8 - 1, 0u64, 0);
     read_words(&file, 0, count, |at, words| {
-        sum = sum.wrapping_add(of_run(at as u64, words.iter().copied()));
+        sum = sum.wrapping_add(run_checksum(at as u64, words.iter().copied()));
     })
     .and_then(|()| read_words(&file, count, 1, |_, words| last = words[0]))
     .map_err(|e| e.to_string())?;

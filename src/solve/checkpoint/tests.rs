@@ -37,7 +37,7 @@ fn space(x: &[usize]) -> PhaseSpace {
 
 /// The test value of array `array` at number `index` of the whole grid.
 fn value(array: usize, index: usize) -> u64 {
-    crate::base::checksum::of_run((1000 * array + index) as u64, std::iter::once(7))
+    crate::base::checksum::run_checksum((1000 * array + index) as u64, std::iter::once(7))
 }
 
 fn real(array: usize, index: usize) -> f64 {
