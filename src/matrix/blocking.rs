@@ -29,11 +29,10 @@
 //! without blocking, for any depth of the neighbour. Nothing is computed twice, and all but a
 //! margin of [`BlockingShape::depth`] cells is done while the first message is under way.
 
-mod fastest;
+pub mod fastest;
 mod shape;
 mod tiling;
 
-pub use crate::matrix::blocking::fastest::FastestBlocking;
 pub use crate::matrix::blocking::shape::{BlockingShape, Caches, MOST_LEVELS};
 
 use crate::matrix::block_matrix::BlockMatrix;

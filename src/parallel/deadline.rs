@@ -2,8 +2,8 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::parallel::communicator::Group;
 use crate::parallel::communicator::watch::{PAUSE, STACK, USUAL_CHECKS, checks};
+use crate::parallel::group::Group;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::*;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};

@@ -29,7 +29,8 @@
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{FastestBlocking, MOST_LEVELS, RecurrenceSteps};
+use crate::matrix::blocking::fastest::FastestBlocking;
+use crate::matrix::blocking::{MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};

@@ -12,7 +12,8 @@
 //! the sum of the terms, which takes a third vector.
 
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{FastestBlocking, MOST_LEVELS};
+use crate::matrix::blocking::MOST_LEVELS;
+use crate::matrix::blocking::fastest::FastestBlocking;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MomentsOf;
 use crate::matrix::terms::TermRows;

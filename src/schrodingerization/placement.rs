@@ -352,7 +352,7 @@ fn relaxed(
     ratio: f64,
     requirements: &ProfileRequirements,
     warnings: &mut Vec<String>,
-) -> Result<PlacedProfile> {
+) -> Result<PlacedProfile<Profile>> {
     let choice = &case.warp.choice();
     let growth = requirements.growth;
     let open = ProfileRequirements { interval: None, shortest: true, ..*requirements };

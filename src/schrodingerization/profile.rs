@@ -94,7 +94,7 @@ impl Profile {
     pub fn plan(
         choice: &ProfileChoice,
         requirements: &ProfileRequirements,
-    ) -> Option<PlacedProfile> {
+    ) -> Option<PlacedProfile<Self>> {
         match choice {
             ProfileChoice::Planned => {
                 let both = [ProfileChoice::Designed, ProfileChoice::Gaussian { sigma: None }];
@@ -102,21 +102,23 @@ impl Profile {
                 let work = |w: &Window| requirements.work(w.period, w.modes(w.period) as usize);
                 found.min_by(|a, b| work(&a.window).total_cmp(&work(&b.window)))
             }
-            ProfileChoice::Designed => Designed::meeting(requirements).map(PlacedProfile::into_any),
+            ProfileChoice::Designed => {
+                Designed::meeting(requirements).map(PlacedProfile::converted)
+            }
             ProfileChoice::Gaussian { sigma } => {
-                Gaussian::meeting(*sigma, requirements).map(PlacedProfile::into_any)
+                Gaussian::meeting(*sigma, requirements).map(PlacedProfile::converted)
             }
             ProfileChoice::Exponential { alpha } => {
-                Exponential::meeting(alpha, requirements).map(PlacedProfile::into_any)
+                Exponential::meeting(alpha, requirements).map(PlacedProfile::converted)
             }
             ProfileChoice::Smooth { order } => {
-                Smooth::meeting(*order, requirements).map(PlacedProfile::into_any)
+                Smooth::meeting(*order, requirements).map(PlacedProfile::converted)
             }
             ProfileChoice::LowSomma { c } => {
-                LowSomma::meeting(*c, requirements).map(PlacedProfile::into_any)
+                LowSomma::meeting(*c, requirements).map(PlacedProfile::converted)
             }
             ProfileChoice::Acl { beta } => {
-                Acl::meeting(*beta, requirements).map(PlacedProfile::into_any)
+                Acl::meeting(*beta, requirements).map(PlacedProfile::converted)
             }
         }
     }

@@ -106,7 +106,11 @@ impl FastestBlocking {
     }
 
     /// Single steps and blockings of `shapes`; the first of them alone for few steps.
-    pub(super) fn of_shapes(matrix: &BlockMatrix, steps: usize, shapes: &[Option<BlockingShape>]) -> Self {
+    pub(super) fn of_shapes(
+        matrix: &BlockMatrix,
+        steps: usize,
+        shapes: &[Option<BlockingShape>],
+    ) -> Self {
         let timed = 1 + shapes.iter().flatten().map(|shape| shape.depth).sum::<usize>();
         let overhead = Self::STEPS_OF_PLANNING + Self::TRIALS * timed;
         let few = steps < Self::LEAST_RATIO * overhead;

@@ -1,7 +1,7 @@
 //! The shapes that are planned, the tiles and the choice of the fastest.
 
 use super::*;
-use crate::matrix::blocking::fastest::{BYTES_PER_ROW, SHARE};
+use crate::matrix::blocking::fastest::{BYTES_PER_ROW, FastestBlocking, SHARE};
 use crate::parallel::partition::{Block, ProcessMesh};
 use crate::problem::case::Case;
 use std::collections::BTreeSet;
@@ -133,8 +133,7 @@ fn the_fastest_candidate_is_kept() {
 #[test]
 fn candidates_deeper_than_every_series_are_timed() {
     let matrix = matrix(0, 8);
-    let deep =
-        |depth| Some(Blocking::new(&matrix, &BlockingShape { depth, width: 1, parts: 1 }));
+    let deep = |depth| Some(Blocking::new(&matrix, &BlockingShape { depth, width: 1, parts: 1 }));
     let mut fastest = FastestBlocking::of(vec![deep(6), deep(5), None]);
     for _ in 0..20 {
         let depth = fastest.depth();

@@ -4,7 +4,7 @@
 //! which is known once all ranks have posted. So ranks of different speeds exchange requests
 //! without waiting.
 
-use crate::parallel::communicator::Group;
+use crate::parallel::group::Group;
 use mpi::collective::SystemOperation;
 use mpi::ffi;
 use mpi::traits::Communicator as _;
@@ -25,7 +25,7 @@ impl Vote {
     /// Votes of the ranks of `group`. Collective.
     pub fn new(group: &Group) -> Self {
         Self {
-            group: Group { communicator: group.communicator.duplicate() },
+            group: group.duplicate(),
             ballots: Box::default(),
             // SAFETY: a constant of the library, which is never written.
             request: unsafe { ffi::RSMPI_REQUEST_NULL },

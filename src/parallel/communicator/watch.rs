@@ -29,7 +29,7 @@ const LAUNCHER: Duration = Duration::from_secs(10);
 pub(crate) const STACK: usize = 256 << 10;
 
 /// The thread that watches another rank, until dropped.
-pub(super) struct RankWatch {
+pub(crate) struct RankWatch {
     thread: JoinHandle<()>,
     is_over: Arc<AtomicBool>,
 }
@@ -37,7 +37,7 @@ pub(super) struct RankWatch {
 impl RankWatch {
     /// Watches the next rank of this node. None where there is no other, where the system does not
     /// tell, or the user wants none. Collective over `world`, of all ranks.
-    pub(super) fn start(world: &SimpleCommunicator) -> Option<Self> {
+    pub(crate) fn start(world: &SimpleCommunicator) -> Option<Self> {
         let rank = world.rank();
         let checks = checks().unwrap_or_else(|value| {
             if rank == 0 {

@@ -49,7 +49,7 @@ fn all_profiles() -> Vec<(Choice, &'static [f64])> {
     profiles().into_iter().chain([jump]).collect()
 }
 
-fn planned(choice: &Choice, requirements: &ProfileRequirements) -> PlacedProfile {
+fn planned(choice: &Choice, requirements: &ProfileRequirements) -> PlacedProfile<Profile> {
     Profile::plan(choice, requirements).unwrap_or_else(|| panic!("{choice:?} {requirements:?}"))
 }
 

@@ -2,7 +2,6 @@
 
 use crate::base::bisect::bisect;
 use crate::matrix::lanes::LANES;
-use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::shape::ProfileShape;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
@@ -146,16 +145,16 @@ pub struct Window {
 
 /// A profile and its window.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PlacedProfile<P = Profile> {
+pub struct PlacedProfile<P> {
     /// The profile.
     pub profile: P,
     /// Its window.
     pub window: Window,
 }
 
-impl<P: Into<Profile>> PlacedProfile<P> {
-    /// The same as one of all kinds.
-    pub fn into_any(self) -> PlacedProfile {
+impl<P> PlacedProfile<P> {
+    /// The same with another type of the profile.
+    pub fn converted<Q: From<P>>(self) -> PlacedProfile<Q> {
         PlacedProfile { profile: self.profile.into(), window: self.window }
     }
 }
