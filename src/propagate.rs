@@ -19,15 +19,18 @@ pub mod chebyshev;
 pub mod classical;
 pub mod commutator_free;
 pub mod evolution;
+mod gmres;
 pub mod implicit;
 pub mod inflow_panels;
 pub mod intermediate_moments;
 pub mod interruption;
 pub mod krylov;
 pub mod limiter;
+mod local_factors;
 pub mod method;
 pub mod shifted;
 pub mod time_dependent_inflow;
+mod tridiagonal;
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;

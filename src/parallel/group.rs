@@ -11,7 +11,6 @@ use mpi::datatype::{Partition, PartitionMut};
 use mpi::ffi;
 use mpi::topology::{Color, SimpleCommunicator};
 use mpi::traits::*;
-use mpi::traits::{Communicator as _, CommunicatorCollectives};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 

@@ -7,7 +7,6 @@
 use crate::parallel::group::Group;
 use mpi::collective::SystemOperation;
 use mpi::ffi;
-use mpi::traits::Communicator as _;
 use mpi::traits::*;
 
 /// The votes of a group, one after the other.
