@@ -138,7 +138,6 @@ impl Krylov {
         for (u, w) in self.basis[..rows].iter_mut().zip(&self.state) {
             *u = scaled(w, &inverse);
         }
-        let squares = sizes.map(|h| 4.0 * h * h);
         for j in 0..m {
             let (past, future) = self.basis.split_at_mut((j + 1) * self.length);
             let (past, x) = past.split_at_mut(j * self.length);
@@ -154,19 +153,7 @@ impl Krylov {
             let nothing: &[()] = &[];
             let exchange = &mut *system.exchange;
             system.matrix.step(exchange, constants, None, y, x, nothing);
-            // α = ⟨u, iy⟩.
-            let alpha = system.lane_sums(sizes, |i| {
-                let (Lanes(u), Lanes(y)) = (&x[i], &y[i]);
-                std::array::from_fn(|l| u[LANES + l] * y[l] - u[l] * y[LANES + l])
-            });
-            let square = system.lane_sums(&squares, |i| {
-                let (Lanes(u), Lanes(y)) = (&x[i], &mut y[i]);
-                std::array::from_fn(|l| {
-                    y[l] -= alpha[l] * u[LANES + l];
-                    y[LANES + l] += alpha[l] * u[l];
-                    y[l] * y[l] + y[LANES + l] * y[LANES + l]
-                })
-            });
+            let [alpha, square] = orthogonalise(system, x, y, sizes);
             let mut inverse = [0.0; LANES];
             for l in 0..LANES {
                 // An invariant Krylov space is exact: the rest of the recurrence is round-off.
@@ -257,6 +244,29 @@ impl Krylov {
     }
 }
 
+/// Makes `y` orthogonal to `x`, the last vector of the basis. Returns `α = ⟨u, iy⟩` and `‖y‖²` after
+/// it by lane, at most `sizes` and four times their squares. Collective over the space group.
+fn orthogonalise(
+    system: &Evolution<'_>,
+    x: &[Lanes],
+    y: &mut [Lanes],
+    sizes: &[f64; LANES],
+) -> [[f64; LANES]; 2] {
+    let alpha = system.lane_sums(sizes, |i| {
+        let (Lanes(u), Lanes(y)) = (&x[i], &y[i]);
+        std::array::from_fn(|l| u[LANES + l] * y[l] - u[l] * y[LANES + l])
+    });
+    let square = system.lane_sums(&sizes.map(|h| 4.0 * h * h), |i| {
+        let (Lanes(u), Lanes(y)) = (&x[i], &mut y[i]);
+        std::array::from_fn(|l| {
+            y[l] -= alpha[l] * u[LANES + l];
+            y[LANES + l] += alpha[l] * u[l];
+            y[l] * y[l] + y[LANES + l] * y[LANES + l]
+        })
+    });
+    [alpha, square]
+}
+
 /// A row times a factor for each lane.
 #[inline(always)]
 fn scaled(Lanes(row): &Lanes, factors: &[f64; LANES]) -> Lanes {
@@ -282,12 +292,10 @@ impl Propagator for Krylov {
         };
         // ‖H − c‖, or 1 if the spectral interval is a point.
         let sizes = intervals.map(|i| if i.half_width > 0.0 { i.half_width } else { 1.0 });
-        for (i, w) in self.state.iter_mut().enumerate() {
-            *w = initial.state.row(i);
-        }
-        let largest = initial.norms.into_iter().fold(0.0, f64::max);
+        self.state.iter_mut().enumerate().for_each(|(i, w)| *w = initial.state.row(i));
+        let any_is_nonzero = initial.norms.iter().any(|norm| *norm > 0.0);
         let mut left = [time; LANES];
-        while left.iter().any(|&t| t > 0.0) && largest > 0.0 {
+        while left.iter().any(|&t| t > 0.0) && any_is_nonzero {
             let (steps, m) = self.steps_by_bound(&intervals, batch, time, &left);
             let squares = initial.norms.map(|norm| 2.0 * norm * norm);
             let norms = system.lane_norms(&squares, &self.state);
@@ -301,10 +309,10 @@ impl Propagator for Krylov {
                     self.step_by_residual(l, m, steps[l], most, batch.tolerances[l], time);
                 report.tails[l] += error + f64::EPSILON;
                 left[l] -= tau;
+                // v_j = i^j u_j.
                 let mut power = Complex64::from(norms[l]);
                 for (c, y) in coefficients.iter_mut().zip(self.projected.exponential(m, tau)) {
                     c.set_lane(l, power * y);
-                    // v_j = i^j u_j.
                     power *= Complex64::I;
                 }
             }

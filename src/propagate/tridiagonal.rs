@@ -44,6 +44,7 @@ impl TridiagonalExponential {
         for l in 0..m {
             for sweep in 0.. {
                 // The block that begins at l ends where a coupling is negligible.
+                let d = &self.values;
                 let negligible =
                     |j: &usize| e[*j].abs() <= f64::EPSILON * (d[*j].abs() + d[*j + 1].abs());
                 let end = (l..m - 1).find(negligible).unwrap_or(m - 1);
@@ -53,41 +54,43 @@ impl TridiagonalExponential {
                 if sweep == MOST_SWEEPS || e[l].is_nan() {
                     return false;
                 }
-                // Wilkinson's shift from the top of the block; rotations chase the bulge up from
-                // its bottom.
-                let half = 0.5 * (d[l + 1] - d[l]) / e[l];
-                let mut g = d[end] - d[l] + e[l] / (half + half.hypot(1.0).copysign(half));
-                let (mut s, mut c, mut shift) = (1.0, 1.0, 0.0);
-                let mut split = false;
-                for i in (l..end).rev() {
-                    let (f, b) = (s * e[i], c * e[i]);
-                    let r = g.hypot(f);
-                    e[i + 1] = r;
-                    if r == 0.0 {
-                        d[i + 1] -= shift;
-                        e[end] = 0.0;
-                        split = true;
-                        break;
-                    }
-                    (s, c) = (f / r, g / r);
-                    g = d[i + 1] - shift;
-                    let t = (d[i] - g) * s + 2.0 * c * b;
-                    shift = s * t;
-                    d[i + 1] = g + shift;
-                    g = c * t - b;
-                    let (lower, upper) = q.split_at_mut(i + 1);
-                    for (x, y) in lower[i][..m].iter_mut().zip(&mut upper[0][..m]) {
-                        (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
-                    }
-                }
-                if !split {
-                    d[l] -= shift;
-                    e[l] = g;
-                    e[end] = 0.0;
-                }
+                self.sweep(&mut e, [l, end], m);
             }
         }
         true
+    }
+
+    /// A sweep over the block from row `l` to row `end`, by Wilkinson's shift from the top of the
+    /// block; rotations chase the bulge up from its bottom. `e` are the couplings.
+    fn sweep(&mut self, e: &mut [f64; DIMENSION], [l, end]: [usize; 2], m: usize) {
+        let (d, q) = (&mut self.values, &mut self.vectors);
+        let half = 0.5 * (d[l + 1] - d[l]) / e[l];
+        let mut g = d[end] - d[l] + e[l] / (half + half.hypot(1.0).copysign(half));
+        let (mut s, mut c, mut shift) = (1.0, 1.0, 0.0);
+        for i in (l..end).rev() {
+            let (f, b) = (s * e[i], c * e[i]);
+            let r = g.hypot(f);
+            e[i + 1] = r;
+            if r == 0.0 {
+                // The block falls into two.
+                d[i + 1] -= shift;
+                e[end] = 0.0;
+                return;
+            }
+            (s, c) = (f / r, g / r);
+            g = d[i + 1] - shift;
+            let t = (d[i] - g) * s + 2.0 * c * b;
+            shift = s * t;
+            d[i + 1] = g + shift;
+            g = c * t - b;
+            let (lower, upper) = q.split_at_mut(i + 1);
+            for (x, y) in lower[i][..m].iter_mut().zip(&mut upper[0][..m]) {
+                (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
+            }
+        }
+        d[l] -= shift;
+        e[l] = g;
+        e[end] = 0.0;
     }
 
     /// The longest multiple of `piece`, at most about `most`, with `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤

@@ -70,31 +70,15 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
         }
     };
     if window.distance < -1e-9 && warp.recovery.is_some() {
-        warnings.push(format!(
-            "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
-             where S grows that much, what is read there comes from where the profile is not \
-             exp(-p)",
-            window.point,
-            window.point - window.distance,
-            requirements.growth
-        ));
+        warnings.push(recovery_is_low(&window, requirements.growth));
     }
     // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p =
     // p◇ + σT. An interval of which only the length matters is moved along.
     let shift = shift(case, bounds);
     let fixed = warp.interval.is_some() || requirements.sampled;
     let at = |apart| readings(case, &window, interval, apart);
-    let ErrorEstimator { readings, efficiency, doubt } = match case.recovery_points {
-        0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
-        // The two errors are independent; the second is at most e times as large, and may cancel
-        // the first or add to it.
-        _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
-            readings: at(SECOND_POINT),
-            efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
-            doubt: f64::INFINITY,
-        },
-        _ => most_alike(&series, [shift, requirements.decay], at),
-    };
+    let ErrorEstimator { readings, efficiency, doubt } =
+        error_estimator(case, &series, [shift, requirements.decay], at);
     Ok(Placement {
         estimator_efficiency: efficiency,
         estimator_doubt: doubt,
@@ -105,6 +89,37 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
         readings: moved(readings, shift),
         warnings,
     })
+}
+
+/// The warning of a recovery point given by hand below that of the plan.
+fn recovery_is_low(window: &Window, growth: f64) -> String {
+    format!(
+        "solver.warp.recovery = {} is below {:.4}, which growth x time = {growth:.4} asks for: \
+         where S grows that much, what is read there comes from where the profile is not exp(-p)",
+        window.point,
+        window.point - window.distance
+    )
+}
+
+/// The readings of `series` by which the error is estimated, which `at` gives for a distance of the
+/// second point from the first. The spectrum of `−ST` lies in `spectrum`.
+fn error_estimator(
+    case: &Case,
+    series: &Series,
+    spectrum: [f64; 2],
+    at: impl Fn(f64) -> Vec<Reading>,
+) -> ErrorEstimator {
+    match case.recovery_points {
+        0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
+        // The two errors are independent; the second is at most e times as large, and may cancel
+        // the first or add to it.
+        _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
+            readings: at(SECOND_POINT),
+            efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
+            doubt: f64::INFINITY,
+        },
+        _ => most_alike(series, spectrum, at),
+    }
 }
 
 /// A profile and its window, with what they meet.
@@ -391,16 +406,26 @@ fn relaxed(
     // A sufficient interval for the refusal's message: its ends for the decay of the transport
     // alone, relative to the state.
     let open = ProfileRequirements { decay: of_state.decay, tolerance: of_state.tolerance, ..open };
-    let PlacedProfile { profile, window } = Profile::plan(choice, &open).unwrap_or(guaranteed);
-    let [lower, upper] = profile.ends(&open, &window);
-    Err(Error::Interval {
+    let placed = Profile::plan(choice, &open).unwrap_or(guaranteed);
+    Err(too_short(case, requirements, &open, &placed))
+}
+
+/// The refusal of the interval of `requirements`, with that of `placed`, which meets `open`.
+fn too_short(
+    case: &Case,
+    requirements: &ProfileRequirements,
+    open: &ProfileRequirements,
+    PlacedProfile { profile, window }: &PlacedProfile<Profile>,
+) -> Error {
+    let [lower, upper] = profile.ends(open, window);
+    Error::Interval {
         place: case.interval_place.clone(),
         given: requirements.interval.unwrap_or_default(),
         needed: window.period,
         ends: [(lower * 1e3).floor() / 1e3, (upper * 1e3).ceil() / 1e3],
         point: window.point,
         tolerance: case.tolerance,
-    })
+    }
 }
 
 /// Why no profile meets `requirements`, whatever the interval.

@@ -250,32 +250,43 @@ impl ReadoutContext<'_> {
             Err(why) => return none(overlapping(&why)),
         };
         let within = |error: f64| from_state.map(|of| overlap.prefactor * error + of);
-        let bare_bound = within(repetitions.of_overlap(estimator));
         let bound = within(self.bound(estimator, repetitions, overlap.value));
         let (bare, estimate) = self.draw(row, estimator, overlap, repetitions).unzip();
+        let undrawn = overlapping("so many shots or evaluations are not emulated");
+        let effort = self.effort(estimator, repetitions, undrawn);
+        let mut measured = Measured { bound: self.labelled(bound), ..effort };
+        if let Some(estimate) = estimate {
+            set_estimate(&mut measured, estimate, estimator);
+        }
         let evolutions = self.evolutions(estimator, repetitions);
+        let bare_bound = within(repetitions.of_overlap(estimator));
+        MeasuredMoment { measured, estimate: bare, bound: bare_bound, evolutions }
+    }
+
+    /// The shots, evaluations and evolutions of a measurement; the rest as in `measured`.
+    fn effort(
+        &self,
+        estimator: OverlapEstimator,
+        repetitions: Repetitions,
+        measured: Measured,
+    ) -> Measured {
         let of_norm = self.norm_evolutions(estimator, repetitions);
-        let [repeated, coherent] = evolutions.clone();
+        let [repeated, coherent] = self.evolutions(estimator, repetitions);
         let coherent = match (coherent.value(), of_norm.value()) {
             (Some(x), Some(y)) => coherent.with(x + y),
             _ => coherent,
         };
-        let mut measured = Measured {
+        Measured {
             shots: LabelledNumber::exact(repetitions.shots),
-            bound: self.labelled(bound),
             evolutions_repeated: repeated,
             evolutions_coherent: coherent,
             evolutions_norm: of_norm,
-            ..overlapping("so many shots or evaluations are not emulated")
-        };
-        measured.evaluations = match estimator.coherent() {
-            true => LabelledNumber::exact(repetitions.evaluations),
-            false => LabelledNumber::unavailable("shots, and no amplitude estimation"),
-        };
-        if let Some(estimate) = estimate {
-            set_estimate(&mut measured, estimate, estimator);
+            evaluations: match estimator.coherent() {
+                true => LabelledNumber::exact(repetitions.evaluations),
+                false => LabelledNumber::unavailable("shots, and no amplitude estimation"),
+            },
+            ..measured
         }
-        MeasuredMoment { measured, estimate: bare, bound: bare_bound, evolutions }
     }
 
     /// Whether `C_f` is measured with this estimator.
