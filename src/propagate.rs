@@ -68,8 +68,9 @@ pub fn propagator<'a>(
 }
 
 /// Bound on the relative round-off of a mode's norm after `steps` steps of an implicit method;
-/// `steps` is 0 for the other methods, which leaves one unit of round-off. Each step leaves a residual of a few units of round-off, and these add up like a
-/// random walk (measured: half of this bound at 1000 and at 4000 steps of example 1).
+/// `steps` is 0 for the other methods, which leaves one unit of round-off. Each step leaves a
+/// residual of a few units of round-off, and these add up like a random walk (measured: half of
+/// this bound at 1000 and at 4000 steps of example 1).
 pub fn round_off(steps: usize) -> f64 {
     f64::EPSILON * (1.0 + 8.0 * (steps as f64).sqrt())
 }

@@ -316,7 +316,8 @@ pub enum InstructionSet {
 pub const INSTRUCTION_SET_VARIABLE: &str = "PHASEWARP_INSTRUCTION_SET";
 
 impl InstructionSet {
-    /// The set that [`INSTRUCTION_SET_VARIABLE`] names, or else the best of this processor; determined once.
+    /// The set that [`INSTRUCTION_SET_VARIABLE`] names, or else the best of this processor;
+    /// determined once.
     pub fn here() -> Self {
         static HERE: OnceLock<InstructionSet> = OnceLock::new();
         let best = || Self::all().next().unwrap_or(Self::Generic);

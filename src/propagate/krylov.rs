@@ -244,8 +244,8 @@ impl Krylov {
     }
 }
 
-/// Makes `y` orthogonal to `x`, the last vector of the basis. Returns `α = ⟨u, iy⟩` and `‖y‖²` after
-/// it by lane, at most `sizes` and four times their squares. Collective over the space group.
+/// Makes `y` orthogonal to `u = x`, the last vector of the basis. Returns `α = ⟨u, iy⟩` and then
+/// `‖y‖²` by lane, at most `sizes` and four times their squares. Collective over the space group.
 fn orthogonalise(
     system: &Evolution<'_>,
     x: &[Lanes],

@@ -230,8 +230,8 @@ impl LimitedTransport {
     }
 
     /// Adds the face of the next velocity cell, with its shares of cells and of the inflow of
-    /// `field`, which are in `row`. The unknowns of the same space cell are `own`, and `local` gives
-    /// the number of an unknown on this rank.
+    /// `field`, which are in `row`. The unknowns of the same space cell are `own`. The number of an
+    /// unknown on this rank is `local`.
     fn add_face(
         &mut self,
         row: &Row,

@@ -221,8 +221,8 @@ impl<'a> Scheme<'a> {
         InflowTerm { fields, time: self.case.begin }
     }
 
-    /// `Σ rate b²` over the sources of a row of the field with inflow; for degree 0, `b²/g` with the
-    /// whole `b`, which is at most that.
+    /// `Σ rate b²` over the sources of a row of the field with inflow; for degree 0, `b²/g` with
+    /// the whole `b`, which is at most that.
     pub fn inflow_strength(&self, row: &Row) -> f64 {
         if self.elements.is_none() {
             let b: f64 = row.inflow.iter().sum();
