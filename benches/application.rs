@@ -11,7 +11,8 @@ mod support;
 
 use phasewarp::base::machine::{cache_per_core, last_cache_per_core, processor_seconds};
 use phasewarp::matrix::block_matrix::BlockMatrix;
-use phasewarp::matrix::blocking::{Blocking, FastestBlocking};
+use phasewarp::matrix::blocking::Blocking;
+use phasewarp::matrix::blocking::fastest::FastestBlocking;
 use phasewarp::matrix::kernel::{InstructionSet, Vectorized};
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
 use phasewarp::matrix::vector::Vector;

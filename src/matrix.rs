@@ -22,6 +22,7 @@ pub mod kernel;
 pub mod lanes;
 pub mod line_bounds;
 pub mod observables;
+mod potential_scan;
 pub mod projection;
 mod row_lines;
 pub mod rows;

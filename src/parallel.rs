@@ -9,4 +9,7 @@
 pub mod communicator;
 mod deadline;
 pub mod files;
+mod ghost_exchange;
+mod group;
 pub mod partition;
+mod world;

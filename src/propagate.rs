@@ -19,15 +19,18 @@ pub mod chebyshev;
 pub mod classical;
 pub mod commutator_free;
 pub mod evolution;
+mod gmres;
 pub mod implicit;
 pub mod inflow_panels;
 pub mod intermediate_moments;
 pub mod interruption;
 pub mod krylov;
 pub mod limiter;
+mod local_factors;
 pub mod method;
 pub mod shifted;
 pub mod time_dependent_inflow;
+mod tridiagonal;
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -64,9 +67,10 @@ pub fn propagator<'a>(
     }
 }
 
-/// Bound on the relative round-off of a mode's norm after `steps` steps of an implicit method, 0
-/// for the others. Each step leaves a residual of a few units of round-off, and these add up like a
-/// random walk (measured: half of this bound at 1000 and at 4000 steps of example 1).
+/// Bound on the relative round-off of a mode's norm after `steps` steps of an implicit method;
+/// `steps` is 0 for the other methods, which leaves one unit of round-off. Each step leaves a
+/// residual of a few units of round-off, and these add up like a random walk (measured: half of
+/// this bound at 1000 and at 4000 steps of example 1).
 pub fn round_off(steps: usize) -> f64 {
     f64::EPSILON * (1.0 + 8.0 * (steps as f64).sqrt())
 }

@@ -43,6 +43,8 @@ pub mod resources;
 pub mod sparsity;
 pub mod surface_code;
 pub mod synthesis;
+#[cfg(test)]
+mod test_support;
 pub mod walk;
 
 /// The modes that `plan` has for `case`.

@@ -4,7 +4,8 @@
 mod support;
 
 use phasewarp::base::progress::Progress;
-use phasewarp::matrix::blocking::{Blocking, BlockingShape, FastestBlocking};
+use phasewarp::matrix::blocking::fastest::FastestBlocking;
+use phasewarp::matrix::blocking::{Blocking, BlockingShape};
 use phasewarp::matrix::lanes::LANES;
 use phasewarp::matrix::observables::{MomentsOf, VelocityFactors};
 use phasewarp::parallel::communicator::World;

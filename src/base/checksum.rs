@@ -27,13 +27,13 @@ fn term(index: u64, bits: u64) -> u64 {
 }
 
 /// The sum over consecutive elements, the first of which has the index `first`.
-pub fn of_run(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
+pub fn run_checksum(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
     (first..).zip(elements).fold(0, |sum, (index, bits)| sum.wrapping_add(term(index, bits)))
 }
 
 /// The checksum of a text.
 pub fn of_text(bytes: &[u8]) -> u64 {
-    of_run(0, bytes.iter().copied().map(u64::from))
+    run_checksum(0, bytes.iter().copied().map(u64::from))
 }
 
 /// A checksum as files give it: 16 hexadecimal digits.
@@ -71,7 +71,7 @@ pub fn of_file(path: &Path, first: usize, of: usize) -> std::io::Result<FileChec
         piece[length..filled].fill(0);
         let (words, _) = piece[..filled].as_chunks();
         let words = words.iter().map(|word| u64::from_le_bytes(*word));
-        checksum = checksum.wrapping_add(of_run(start / 8, words));
+        checksum = checksum.wrapping_add(run_checksum(start / 8, words));
     }
     Ok(FileChecksum { bytes, checksum })
 }
@@ -83,7 +83,7 @@ pub fn of_slab(shape: &[usize], slab: &DatasetBox, values: &[f64]) -> u64 {
     let mut place = slab.start.clone();
     for values in values.chunks_exact(run.max(1)) {
         let first = number(shape.iter().copied(), place.iter().copied());
-        sum = sum.wrapping_add(of_run(first as u64, values.iter().map(|x| x.to_bits())));
+        sum = sum.wrapping_add(run_checksum(first as u64, values.iter().map(|x| x.to_bits())));
         // The next run: all axes but the last, row-major.
         for axis in (0..place.len() - 1).rev() {
             place[axis] += 1;
@@ -123,7 +123,7 @@ mod tests {
             let size: usize = shape.iter().product();
             let all = values(size);
             let expected = whole(shape, &all);
-            assert_eq!(expected, of_run(0, all.iter().map(|x| x.to_bits())));
+            assert_eq!(expected, run_checksum(0, all.iter().map(|x| x.to_bits())));
             for most in 1..=size + 1 {
                 let (mut sum, mut seen) = (0u64, vec![0; size]);
                 for slab in DatasetBox::pieces(shape, most) {

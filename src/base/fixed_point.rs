@@ -19,6 +19,12 @@ pub struct FixedPoint {
     fine: f64,
 }
 
+/// The larger number; NaN if one is. Without a branch, for vector operations.
+#[inline(always)]
+pub fn larger(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
+}
+
 /// `2^exponent`, exactly.
 fn power_of_two(exponent: i32) -> f64 {
     2f64.powi(exponent)

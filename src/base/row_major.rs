@@ -18,6 +18,18 @@ pub fn number(
     lengths.into_iter().zip(indices).fold(0, |number, (length, index)| number * length + index)
 }
 
+/// Number of elements of a box.
+pub fn volume(ranges: &[Range<usize>]) -> usize {
+    ranges.iter().map(Range::len).product()
+}
+
+/// Row-major position of the element at `indices` in a box; `None` if it is outside.
+pub fn position(ranges: &[Range<usize>], indices: &[usize]) -> Option<usize> {
+    ranges.iter().zip(indices).try_fold(0, |position, (range, index)| {
+        range.contains(index).then(|| position * range.len() + index - range.start)
+    })
+}
+
 /// A box of a dataset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DatasetBox {
@@ -92,6 +104,17 @@ mod tests {
         assert_eq!(indices(7, &lengths), [1, 0, 3]);
         for element in 0..12 {
             assert_eq!(number(lengths, indices(element, &lengths)), element);
+        }
+    }
+
+    #[test]
+    fn positions_are_counted_from_the_start_of_a_box() {
+        let ranges = [2..4, 5..6, 0..3];
+        assert_eq!(volume(&ranges), 6);
+        // Further indices do not count.
+        assert_eq!(position(&ranges, &[3, 5, 1, 7]), Some(4));
+        for outside in [[1, 5, 1], [2, 6, 1], [2, 5, 3]] {
+            assert_eq!(position(&ranges, &outside), None);
         }
     }
 }

@@ -16,6 +16,7 @@
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
+use crate::matrix::bundles::Bundles;
 use crate::matrix::equal_rows::CellsWithEqualRows;
 use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
 use crate::matrix::row_lines::MatrixEntry;
@@ -123,7 +124,7 @@ fn inflow_rows(
     let varies = case.varies();
     let listed = |row: &Row| match case.warp.inflow {
         Embedding::Full => true,
-        Embedding::Boundary | Embedding::Scalar if varies => !row.ghosts.is_empty(),
+        Embedding::Boundary | Embedding::Scalar if varies => !row.sources.is_empty(),
         Embedding::Boundary | Embedding::Scalar if case.enters() => {
             row.inflow.iter().any(|&b| b != 0.0)
         }
@@ -426,11 +427,27 @@ impl BlockMatrix {
         let (rows, size) = rows_by_layers(case, &scheme, &block, &equal_rows, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;
         let velocity_lines = VelocityLines::new(&case.space, &block, scheme.potential(), case.flux);
-        let mut this = Self::new(block, rows, inflow);
-        this.assembly = size;
-        this.velocity_lines = velocity_lines;
-        this.by_elements = case.is_galerkin();
-        this.first_axis_nodes = case.space.x[0].nodes.count();
+        let InflowRows { list, entering, shared } = inflow;
+        let mut this = Self {
+            counts_common: block.ranges.iter().all(|r| r.start == 0),
+            block,
+            inflow: list,
+            entering,
+            has_common_unknown: shared,
+            common_is_coupled: false,
+            common_growth: 0.0,
+            by_elements: case.is_galerkin(),
+            first_axis_nodes: case.space.x[0].nodes.count(),
+            velocity_lines,
+            inflow_rows: 0,
+            uncoupled: 0.0,
+            rows,
+            assembly: size,
+            bundles: Bundles::default(),
+            interior: Vec::new(),
+            border: Vec::new(),
+        };
+        this.find_border();
         if !this.by_elements {
             this.bundle();
         }

@@ -10,23 +10,18 @@
 //! then its ghosts.
 
 mod couplings;
+mod products;
 
-use crate::matrix::bundles::{Bundles, WIDTH};
-use crate::matrix::inflow::{AuxiliaryRow, InflowRows, VaryingInflow};
-use crate::matrix::kernel::{InstructionSet, LineStep, Vectorized};
+use crate::matrix::bundles::Bundles;
+use crate::matrix::inflow::{AuxiliaryRow, VaryingInflow};
+use crate::matrix::kernel::{InstructionSet, LineStep};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
-use crate::matrix::row_lines::{MOST_NODES, RowLines};
+use crate::matrix::row_lines::RowLines;
 use crate::matrix::rows::{AssemblySize, Rows};
-use crate::matrix::vector::Vector;
-use crate::matrix::velocity_lines::{NodeValue, ProductFactors, VelocityLines};
+use crate::matrix::velocity_lines::VelocityLines;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::Block;
-use num_complex::Complex64;
-use std::ops::{Mul, Range};
-
-/// Number of rows whose products with a real vector are passed on while they are in the first
-/// cache.
-const PIECE: usize = 2048;
+use std::ops::Range;
 
 /// The matrix that is applied to a real vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,23 +34,6 @@ pub enum Operator {
     Symmetric,
 }
 
-/// The products of lines with a real vector, without fused multiply-add, so that the bits are the
-/// same for every instruction set.
-struct RowProducts<'a> {
-    matrix: &'a BlockMatrix,
-    lines: &'a [Range<usize>],
-    operator: Operator,
-    y: &'a mut [f64],
-    x: &'a [f64],
-}
-
-impl Vectorized for RowProducts<'_> {
-    #[inline(always)]
-    fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
-        self.matrix.sum_lines(self.lines, self.operator, self.y, self.x);
-    }
-}
-
 /// The rows of `(S, K)` that belong to this rank.
 pub struct BlockMatrix {
     /// The block's numbering.
@@ -65,11 +43,11 @@ pub struct BlockMatrix {
     /// The sources of a time-dependent inflow for each row of `inflow`; empty if it is constant.
     pub entering: VaryingInflow,
     /// Whether all rows share one common auxiliary unknown, of which every rank has a copy.
-    pub(crate) shared: bool,
+    pub(crate) has_common_unknown: bool,
     /// Whether the common unknown has couplings; its row then is a sum over all ranks.
-    pub(crate) summed: bool,
+    pub(crate) common_is_coupled: bool,
     /// Largest growth that these couplings add, for degrees above 0.
-    pub(crate) summed_growth: f64,
+    pub(crate) common_growth: f64,
     /// Whether an axis has a degree above 0.
     pub(crate) by_elements: bool,
     /// Nodes of an element along the first space axis.
@@ -78,7 +56,7 @@ pub struct BlockMatrix {
     pub(crate) velocity_lines: VelocityLines,
     /// Whether this rank's copy of the common unknown counts in sums. It is on the block with the
     /// lowest corner.
-    pub(crate) counts_shared: bool,
+    pub(crate) counts_common: bool,
     /// Rows of `inflow` over all ranks.
     pub(crate) inflow_rows: usize,
     /// Initial value of an auxiliary unknown without couplings.
@@ -95,35 +73,9 @@ pub struct BlockMatrix {
 }
 
 impl BlockMatrix {
-    /// The matrix of `rows` with the inflow.
-    pub(crate) fn new(block: Block, rows: Rows, inflow: InflowRows) -> Self {
-        let InflowRows { list, entering, shared } = inflow;
-        let mut this = Self {
-            counts_shared: block.ranges.iter().all(|r| r.start == 0),
-            block,
-            inflow: list,
-            entering,
-            shared,
-            summed: false,
-            summed_growth: 0.0,
-            by_elements: false,
-            first_axis_nodes: 1,
-            velocity_lines: VelocityLines::default(),
-            inflow_rows: 0,
-            uncoupled: 0.0,
-            rows,
-            assembly: AssemblySize::default(),
-            bundles: Bundles::default(),
-            interior: Vec::new(),
-            border: Vec::new(),
-        };
-        this.find_border();
-        this
-    }
-
     /// Sorts the lines into runs that need ghosts and runs that do not. Elements of velocity lines
     /// are not parted.
-    fn find_border(&mut self) {
+    pub(crate) fn find_border(&mut self) {
         let rows = self.rows();
         let touches = |i: usize| self.rows.stored_row(i).any(|(column, ..)| column >= rows);
         let (mut interior, mut border): (Vec<Range<usize>>, Vec<Range<usize>>) = Default::default();
@@ -174,12 +126,12 @@ impl BlockMatrix {
 
     /// Number of auxiliary unknowns of this rank.
     pub fn auxiliaries(&self) -> usize {
-        if self.shared { 1 } else { self.inflow.len() }
+        if self.has_common_unknown { 1 } else { self.inflow.len() }
     }
 
     /// The global number of the cell of each auxiliary unknown; `u64::MAX` for the common one.
     pub fn auxiliary_cells(&self) -> Vec<u64> {
-        if self.shared {
+        if self.has_common_unknown {
             return vec![u64::MAX];
         }
         let nv = self.block.velocity_cells;
@@ -197,13 +149,13 @@ impl BlockMatrix {
     /// The row of the common auxiliary unknown, if there is one; [`row`](Self::row) gives this
     /// rank's part of it.
     pub fn shared_row(&self) -> Option<usize> {
-        self.shared.then(|| self.block.cells())
+        self.has_common_unknown.then(|| self.block.cells())
     }
 
     /// Number of rows, from the first, that count in sums over ranks. The common unknown is the
     /// last row, and only one of its copies counts.
     pub fn counted_rows(&self) -> usize {
-        self.rows() - usize::from(self.shared && !self.counts_shared)
+        self.rows() - usize::from(self.has_common_unknown && !self.counts_common)
     }
 
     /// Length of vectors the matrix is applied to: rows and ghosts.
@@ -235,7 +187,8 @@ impl BlockMatrix {
     /// then the others in the order of global columns. The row of the common auxiliary unknown has
     /// only the entries of this rank's cells.
     pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
-        let common = if self.shared && i == self.block.cells() { &self.inflow[..] } else { &[] };
+        let common =
+            if self.has_common_unknown && i == self.block.cells() { &self.inflow[..] } else { &[] };
         let half = |aux: &AuxiliaryRow| (aux.row as usize, 0.5 * aux.coupling, -0.5 * aux.coupling);
         self.rows.row(i).chain(common.iter().map(half))
     }
@@ -265,213 +218,12 @@ impl BlockMatrix {
         self.rows = rows;
     }
 
-    /// The products of lines with a real vector.
-    pub(crate) fn apply_rows(
-        &self,
-        lines: &[Range<usize>],
-        operator: Operator,
-        y: &mut [f64],
-        x: &[f64],
-    ) {
-        InstructionSet::here().run(RowProducts { matrix: self, lines, operator, y, x });
-    }
-
-    #[inline(always)]
-    fn sum_lines(&self, rows: &[Range<usize>], operator: Operator, y: &mut [f64], x: &[f64]) {
-        // One loop for each operator, so that the choice is outside the loop.
-        match operator {
-            Operator::Generator => self.sum_entries(rows, |s, k| s + k, y, x),
-            Operator::Transpose => self.sum_entries(rows, |s, k| s - k, y, x),
-            Operator::Symmetric => self.sum_entries(rows, |s, _| s, y, x),
-        }
-        let k = match operator {
-            Operator::Generator => 1.0,
-            Operator::Transpose => -1.0,
-            Operator::Symmetric => 0.0,
-        };
-        for run in rows {
-            self.add_velocity_lines(run, ProductFactors { s: 1.0, k }, y, x);
-        }
-    }
-
-    /// Adds the products along velocity axes in some lines.
-    #[inline(always)]
-    fn add_velocity_lines<T: NodeValue + Mul<Output = T>>(
-        &self,
-        lines: &Range<usize>,
-        factors: ProductFactors<T>,
-        y: &mut [T],
-        x: &[T],
-    ) {
-        let (of_rows, of_cells) = (self.rows.lines(), self.rows.lines().of_cells());
-        let of_cells = lines.start.min(of_cells)..lines.end.min(of_cells);
-        let velocity_lines = self.rows.velocity_lines();
-        if !velocity_lines.is_empty() {
-            velocity_lines.add_products(of_rows, of_cells, factors, y, x);
-        }
-    }
-
-    #[inline(always)]
-    fn sum_entries(
-        &self,
-        runs: &[Range<usize>],
-        entry: impl Fn(f64, f64) -> f64,
-        y: &mut [f64],
-        x: &[f64],
-    ) {
-        assert!(x.len() >= self.rows.reach(), "vector and matrix do not fit");
-        for run in runs {
-            match self.rows.lines().nodes {
-                1 => self.sum_nodes::<1>(run.clone(), &entry, y, x),
-                2 => self.sum_nodes::<2>(run.clone(), &entry, y, x),
-                3 => self.sum_nodes::<3>(run.clone(), &entry, y, x),
-                4 => self.sum_nodes::<4>(run.clone(), &entry, y, x),
-                5 => self.sum_nodes::<5>(run.clone(), &entry, y, x),
-                6 => self.sum_nodes::<6>(run.clone(), &entry, y, x),
-                7 => self.sum_nodes::<7>(run.clone(), &entry, y, x),
-                8 => self.sum_nodes::<8>(run.clone(), &entry, y, x),
-                _ => self.sum_nodes::<MOST_NODES>(run.clone(), &entry, y, x),
-            }
-        }
-    }
-
-    /// Adds the products of row `i` with all columns but the nodes of its line to `sum`.
-    #[inline(always)]
-    fn add_others(
-        &self,
-        [template, i]: [usize; 2],
-        entry: impl Fn(f64, f64) -> f64,
-        x: &[f64],
-        sum: f64,
-    ) -> f64 {
-        (self.rows.others(template, i))
-            // SAFETY: every column is below the reach of the rows, which `x` has.
-            .map(|(j, s, k)| entry(s, k) * unsafe { x.get_unchecked(j) })
-            .fold(sum, |sum, term| sum + term)
-    }
-
-    /// The products of lines that are single rows.
-    #[inline(always)]
-    fn sum_single(
-        &self,
-        lines: Range<usize>,
-        entry: &impl Fn(f64, f64) -> f64,
-        y: &mut [f64],
-        x: &[f64],
-    ) {
-        let behind = self.rows.lines().cells - self.rows.lines().of_cells();
-        for line in lines {
-            let i = line + behind;
-            y[i] = self.add_others([self.rows.template(line), i], entry, x, 0.0);
-        }
-    }
-
-    /// The products of lines, of which those of cells have `NODES` rows. With one row a line, the
-    /// lines that may be in bundles are treated in the same way.
-    #[inline(always)]
-    fn sum_nodes<const NODES: usize>(
-        &self,
-        lines: Range<usize>,
-        entry: &impl Fn(f64, f64) -> f64,
-        y: &mut [f64],
-        x: &[f64],
-    ) {
-        let of_cells = if NODES == 1 { self.bundles.lines() } else { self.rows.lines().of_cells() };
-        let stride = self.rows.lines().stride;
-        let (mut next, end) = (lines.start, lines.end.min(of_cells));
-        while next < end {
-            let (line, first) = (next, self.rows.lines().first(next));
-            if line + WIDTH <= end
-                && let Some(like) = self.bundles.at(line)
-            {
-                self.bundles.apply::<NODES>(like, [first, stride], entry, y, x);
-                next += WIDTH;
-                continue;
-            }
-            next += 1;
-            let template = self.rows.template(line);
-            let nodes: [f64; NODES] = std::array::from_fn(|n| x[first + n * stride]);
-            for m in 0..NODES {
-                let dense = self.rows.dense_row(template + m);
-                let terms = nodes.iter().zip(dense).map(|(x, k)| entry(0.0, *k) * x);
-                let sum = terms.fold(0.0, |sum, term| sum + term);
-                let i = first + m * stride;
-                y[i] = self.add_others([template + m, i], entry, x, sum);
-            }
-        }
-        self.sum_single(lines.start.max(of_cells)..lines.end.max(of_cells), entry, y, x);
-    }
-
-    /// `y ← (S ± K) x` or `S x` for real vectors; refreshes the ghosts of `x`. Collective over the
-    /// space group.
-    pub fn apply(
-        &self,
-        exchange: &mut GhostExchange,
-        operator: Operator,
-        y: &mut [f64],
-        x: &mut [f64],
-    ) {
-        self.apply_then(exchange, operator, y, x, |_, _, _| {});
-        if self.summed && operator != Operator::Generator {
-            let share = |aux: &AuxiliaryRow| [aux.coupling * x[aux.row as usize]];
-            let [sum] =
-                (exchange.group()).sum_lanes(self.inflow_rows, self.inflow.iter().map(share));
-            y[self.block.cells()] = if operator == Operator::Transpose { sum } else { 0.5 * sum };
-        }
-    }
-
-    /// The same without the row of a common auxiliary unknown, which is a sum over all ranks. Calls
-    /// `then` with rows, `y` and `x` as soon as these products are done, while they are in cache.
-    pub fn apply_then(
-        &self,
-        exchange: &mut GhostExchange,
-        operator: Operator,
-        y: &mut [f64],
-        x: &mut [f64],
-        mut then: impl FnMut(Range<usize>, &mut [f64], &[f64]),
-    ) {
-        let rows = self.rows();
-        // The rows of a line of an element are not contiguous.
-        let is_by_rows = self.rows.lines().nodes == 1;
-        let mut apply = |runs: &[Range<usize>], y: &mut [f64], x: &[f64]| {
-            if !is_by_rows {
-                return self.apply_rows(runs, operator, y, x);
-            }
-            for run in runs {
-                self.apply_run(run.clone(), operator, y, x, &mut then);
-            }
-        };
-        exchange.start(&x[..rows]);
-        apply(&self.interior, y, x);
-        exchange.finish(&mut x[rows..]);
-        apply(&self.border, y, x);
-        if !is_by_rows {
-            then(0..rows, y, x);
-        }
-    }
-
-    /// `y ← (S ± K) x` or `S x` in rows that are lines and whose ghosts, if any, are there. Calls
-    /// `then` with rows, `y` and `x` piece by piece, while they are in cache.
-    pub(crate) fn apply_run(
-        &self,
-        rows: Range<usize>,
-        operator: Operator,
-        y: &mut [f64],
-        x: &[f64],
-        then: &mut impl FnMut(Range<usize>, &mut [f64], &[f64]),
-    ) {
-        for start in rows.clone().step_by(PIECE) {
-            let piece = start..rows.end.min(start + PIECE);
-            self.apply_rows(std::slice::from_ref(&piece), operator, y, x);
-            then(piece, y, x);
-        }
-    }
-
     /// Number of rows of a layer of cells along the first space axis, if the rows of a layer draw
     /// only on it, on the two adjacent ones and on auxiliary unknowns. So it is for degree 0 on a
     /// block without ghosts whose first axis is not periodic.
     pub(crate) fn layer(&self) -> Option<usize> {
-        let stands_alone = !self.by_elements && self.block.ghosts() == 0 && !self.block.closed;
+        let stands_alone =
+            !self.by_elements && self.block.ghosts() == 0 && !self.block.first_axis_is_periodic;
         stands_alone.then(|| self.block.cells() / self.block.ranges[0].len())
     }
 
@@ -510,44 +262,16 @@ impl BlockMatrix {
         for lines in &self.border {
             self.step_lines(lines.clone(), constants, y, x, start);
         }
-        if self.summed {
+        if self.common_is_coupled {
             let couplings = self.inflow.iter().map(|aux| aux.coupling);
             self.step_shared(exchange, constants, couplings, y, x);
         }
         if let Some(couplings) = couplings {
             self.step_couplings(constants, 0..self.inflow.len(), couplings, y, x);
-            if self.shared {
+            if self.has_common_unknown {
                 self.step_shared(exchange, constants, couplings.iter().copied(), y, x);
             }
         }
-    }
-
-    /// `y ← (−iμS + K)x` for one mode; refreshes the ghosts of `x`. Collective over the space
-    /// group.
-    pub fn apply_mode(
-        &self,
-        exchange: &mut GhostExchange,
-        mu: f64,
-        y: &mut [Complex64],
-        x: &mut [Complex64],
-    ) {
-        let rows = self.rows();
-        let apply = |runs: &[Range<usize>], y: &mut [Complex64], x: &[Complex64]| {
-            let lines = self.rows.lines();
-            for i in runs.iter().cloned().flatten().flat_map(|line| lines.rows(line)) {
-                let mut sum = Complex64::ZERO;
-                for (j, s, k) in self.rows.stored_row(i) {
-                    sum += Complex64::new(k, -mu * s) * x[j];
-                }
-                y[i] = sum;
-            }
-            let factors = ProductFactors { s: Complex64::new(0.0, -mu), k: 1.0 };
-            runs.iter().for_each(|run| self.add_velocity_lines(run, factors, y, x));
-        };
-        exchange.start(&x[..rows]);
-        apply(&self.interior, y, x);
-        exchange.finish(&mut x[rows..]);
-        apply(&self.border, y, x);
     }
 
     /// Sum over all unknowns of the group of `term(local row)`, which is not negative and at most
@@ -560,54 +284,14 @@ impl BlockMatrix {
         count: usize,
         term: impl Fn(usize) -> f64,
     ) -> f64 {
-        let nv = self.block.velocity_cells;
-        let cells = self.block.cells();
-        let space = (0..cells / nv).map(|c| (c * nv..(c + 1) * nv).map(&term).sum::<f64>());
-        let aux = (cells..self.counted_rows()).map(&term);
-        group.sum(bound, count, space.chain(aux))
+        group.sum(bound, count, self.pieces().map(|rows| rows.map(&term).sum()))
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::parallel::partition::ProcessMesh;
-    use crate::problem::case::Case;
-
-    const CASE: &str = "[[axis]]\nx = { lower = -1, upper = 1, cells = 40 }\n\
-                        v = { lower = -1.5, upper = 1.5, cells = 14 }\n\
-                        [[potential]]\nwhere = \"x < 0\"\nvalue = \"0.2\"\n\
-                        [[potential]]\nvalue = \"0\"\n\
-                        [initial]\nf = \"exp(-x^2)\"\n[time]\nend = 1.0\n";
-
-    /// Products of bundles have the same bits as row by row sums.
-    #[test]
-    fn bundles_keep_the_bits_of_rows() {
-        for (degree, flux) in [("0", "1"), ("1", "1"), ("3", "0.5"), ("4", "1"), ("8", "0")] {
-            let settings = [format!("scheme.degree={degree}"), format!("scheme.flux={flux}")];
-            let case = Case::parse("case", CASE, &settings).expect("a case");
-            let mesh = ProcessMesh { space: vec![1], groups: 1 };
-            let block = Block::new(&case.space, &mesh, 0);
-            let mut matrix = BlockMatrix::assemble(&case, block).expect("finite formulas");
-            matrix.gather_elements();
-            let (rows, lines) = (matrix.rows(), matrix.rows.line_count());
-            let bundled = (0..lines).filter(|l| matrix.bundles.at(*l).is_some());
-            assert!(WIDTH * bundled.count() > lines / 3, "degree {degree}: few lines in bundles");
-            let x: Vec<f64> = (0..matrix.length()).map(|i| (0.7 * i as f64).sin()).collect();
-            for operator in [Operator::Generator, Operator::Transpose, Operator::Symmetric] {
-                let entry = |s: f64, k: f64| match operator {
-                    Operator::Generator => s + k,
-                    Operator::Transpose => s - k,
-                    Operator::Symmetric => s,
-                };
-                let mut y = vec![0.0; rows];
-                // The second range starts within a bundle.
-                matrix.apply_rows(&[0..3, 3..lines], operator, &mut y, &x);
-                for (i, y) in y.iter().enumerate() {
-                    let terms = matrix.row(i).map(|(j, s, k)| entry(s, k) * x[j]);
-                    assert_eq!(*y, terms.fold(0.0, |sum, term| sum + term), "{operator:?} {i}");
-                }
-            }
-        }
+    /// Groups of rows that are on one rank in any partition: the velocities at each point of space,
+    /// then each auxiliary unknown. An unknown that the ranks share counts on the first rank.
+    pub fn pieces(&self) -> impl Iterator<Item = Range<usize>> + Clone + use<> {
+        let (nv, cells) = (self.block.velocity_cells, self.block.cells());
+        let points = (0..cells / nv).map(move |c| c * nv..(c + 1) * nv);
+        points.chain((cells..self.counted_rows()).map(|i| i..i + 1))
     }
 }

@@ -13,28 +13,23 @@
 //! ranks. For higher degrees the bounds are those of [`line_bounds`](crate::matrix::line_bounds),
 //! summed over the axes, and couplings to auxiliary unknowns add `½ ‖C‖ √(1+μ²)` on either side.
 
+pub use crate::matrix::potential_scan::MOST_KINDS;
+
 use crate::base::error::Result;
 use crate::base::text::short;
 use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
+use crate::matrix::potential_scan::PotentialScan;
 use crate::problem::case::{Case, Delta, Exact, Method};
 use crate::problem::exact::{MOST_EXAMINED, MostCells, traced_cells};
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
-use crate::problem::potential::{LargestJump, Potential};
+use crate::problem::potential::LargestJump;
 use crate::scheme::interface::energy::check_axis;
 use crate::scheme::interface::{law_of, velocity};
 use crate::scheme::reduce::grid;
 use crate::scheme::rows::{fastest, transport_rate};
 use serde::Serialize;
-use std::collections::HashSet;
-use std::ops::Range;
 use std::sync::OnceLock;
-
-/// Kinds of cells are counted up to this number.
-pub const MOST_KINDS: usize = 4096;
-
-/// Number of cells of space on which `V` is evaluated together, unless a layer has more.
-const CELLS_AT_ONCE: usize = 1 << 14;
 
 /// Growth over the whole run, `λ⁺T`, that the weights may leave if particles are trapped. A smaller
 /// value takes more sweeps, a larger one more modes and degrees: from 0.375 to 0.15 the
@@ -128,51 +123,6 @@ pub struct AssembledSize {
     pub inflow_rows_per_cell: f64,
     /// Bytes of the sources of a time-dependent inflow for each cell of the block.
     pub source_bytes_per_cell: f64,
-}
-
-/// The properties of `V` on the whole space grid on which the bounds depend.
-struct PotentialScan<'a> {
-    /// Bound on the rate of the transport along the velocity axes.
-    force: f64,
-    /// Whether a force acts along each axis.
-    forces: [bool; MAX_DIMENSION],
-    /// The largest jump at faces across each axis.
-    jumps: [Option<LargestJump>; MAX_DIMENSION],
-    /// Kinds of space cells by slopes and jumps, up to [`MOST_KINDS`].
-    kinds: HashSet<[u64; 2 * MAX_DIMENSION]>,
-    /// Faces of elements.
-    faces: Option<ElementFaces<'a>>,
-}
-
-impl<'a> PotentialScan<'a> {
-    /// Evaluates `V` some layers at a time, so that the whole potential is never stored.
-    fn new(case: &'a Case) -> Result<Self> {
-        let mut ranges = case.space.space_ranges();
-        let layer: usize = ranges[1..].iter().map(Range::len).product();
-        let first = &case.space.x[0];
-        let layers = (CELLS_AT_ONCE / layer.max(1)).max(1).next_multiple_of(first.nodes.count());
-        let (mut force, mut forces) = (0.0f64, [false; MAX_DIMENSION]);
-        let mut jumps = [None; MAX_DIMENSION];
-        let mut kinds = HashSet::new();
-        let mut faces = case.is_galerkin().then(|| ElementFaces::new(case));
-        for i in (0..first.cells).step_by(layers) {
-            let end = (i + layers).min(first.cells);
-            // The upper face of an element is the lower face of the next one.
-            let beyond = usize::from(faces.is_some());
-            ranges[0] = i..(end + beyond).min(first.cells);
-            let layer = Potential::new(case, &ranges)?;
-            force = force.max(layer.force_rate(&case.space));
-            (forces.iter_mut().enumerate()).for_each(|(a, acts)| *acts |= layer.steepest(a) > 0.0);
-            for (jump, found) in jumps.iter_mut().zip(layer.largest_jumps(&case.space)) {
-                let height = |jump: Option<LargestJump>| jump.map_or(0.0, |jump| jump.height);
-                *jump = if height(found) > height(*jump) { found } else { *jump };
-            }
-            layer.collect_kinds(&mut kinds, MOST_KINDS);
-            ranges[0] = i..end;
-            faces.iter_mut().for_each(|faces| faces.add(&layer, &ranges));
-        }
-        Ok(Self { force, forces, jumps, kinds, faces })
-    }
 }
 
 /// The growth that weights and inflow may have. `grows` tells whether the interface law grows

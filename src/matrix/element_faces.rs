@@ -1,5 +1,6 @@
 //! The kinds of faces of a grid's elements, on which bounds of the spectrum depend.
 
+use crate::base::row_major::volume;
 use crate::matrix::line_bounds::{FaceKind, LinePiece, MOST_UNKNOWNS};
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, for_each_cell};
@@ -34,7 +35,7 @@ impl<'a> ElementFaces<'a> {
     /// `potential` also covers the next cells along that axis.
     pub fn add(&mut self, potential: &Potential, ranges: &[Range<usize>]) {
         let space = &self.case.space;
-        let across: usize = ranges[1..].iter().map(Range::len).product();
+        let across = volume(&ranges[1..]);
         let mut count = 0;
         for_each_cell(ranges, |i| {
             if i[0] == 0 {

@@ -72,40 +72,13 @@ impl Element<'_> {
     /// Calls `visit(cell, node)` for each of its cells, with the number of the cell in a block or
     /// share of the space cells `ranges` with all velocities, and its number in the element.
     pub fn for_each_cell(&self, ranges: &[Range<usize>], mut visit: impl FnMut(usize, usize)) {
-        let n = self.space.dimension();
-        let shape = self.shape();
-        let mut node = 0;
-        let count: usize = shape.iter().product();
-        let mut m = vec![0; shape.len()];
-        while node < count {
-            let mut cell = 0;
-            for (a, axis) in self.space.axes().enumerate() {
-                let j = self.index[a] * shape[a] + m[a];
-                cell = match ranges.get(a).filter(|_| a < n) {
-                    Some(range) => cell * range.len() + j - range.start,
-                    None => cell * axis.cells + j,
-                };
-            }
-            visit(cell, node);
-            node += 1;
-            advance(&mut m, &shape);
-        }
+        let cells = self.space.cells_of(&self.index, ranges).enumerate();
+        cells.for_each(|(node, cell)| visit(cell, node));
     }
 
     /// The points of the product of the coordinates `along` the axes, the last axis fastest.
     pub fn points(&self, along: &[impl AsRef<[f64]>]) -> Vec<[f64; 6]> {
         self.space.points_in(&self.index, along).collect()
-    }
-}
-
-/// Advances `m` to the next multi-index of a box, row-major.
-fn advance(m: &mut [usize], shape: &[usize]) {
-    for a in (0..m.len()).rev() {
-        m[a] += 1;
-        if m[a] < shape[a] {
-            return;
-        }
-        m[a] = 0;
     }
 }
 

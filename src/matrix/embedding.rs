@@ -39,6 +39,7 @@
 //! in fixed point, so that the bits are the same everywhere. This takes two reductions an
 //! application.
 
+use crate::base::bisect::bisect;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
 use crate::matrix::bundles::Bundles;
@@ -59,7 +60,7 @@ impl BlockMatrix {
             self.set_auxiliary_weights(pi, 1.0);
             return;
         }
-        if self.shared {
+        if self.has_common_unknown {
             // Σ b_i²/(2 g_i), and the same with the weights of the rows; only one field has inflow.
             let share = |aux: &AuxiliaryRow| {
                 let term = 0.5 * aux.strength;
@@ -75,8 +76,8 @@ impl BlockMatrix {
                 aux.coupling = b / delta * (pi[aux.row as usize] / weight).sqrt();
             }
             self.set_couplings();
-            self.summed = true;
-            self.summed_growth = sum / (delta * delta);
+            self.common_is_coupled = true;
+            self.common_growth = sum / (delta * delta);
             return;
         }
         for aux in self.inflow.iter_mut().filter(|aux| aux.enters()) {
@@ -98,10 +99,10 @@ impl BlockMatrix {
             let coupled = self.inflow.iter().zip(couplings).filter(|(_, k)| **k != 0.0);
             coupled.map(|(aux, k)| (gamma - 0.5 * aux.damping, k * k))
         };
-        if self.shared && self.by_elements {
-            return least.max(self.summed_growth);
+        if self.has_common_unknown && self.by_elements {
+            return least.max(self.common_growth);
         }
-        if !self.shared {
+        if !self.has_common_unknown {
             // ½ (c + √(c² + κ²)), without cancellation.
             let own = |(c, square): (f64, f64)| {
                 let root = (c * c + square).sqrt();
@@ -112,24 +113,19 @@ impl BlockMatrix {
         // λ ≥ ¼ Σ κ²/(λ − c) holds at the upper end of the interval at every step of the bisection.
         let [theta] = space
             .sum_lanes(self.inflow_rows, rows().map(|(c, square)| [square / (4.0 * (gamma - c))]));
-        let (mut low, mut high) = (least, least.max(theta));
-        for _ in 0..50 {
-            let middle = 0.5 * (low + high);
-            let terms = rows().map(|(c, square)| [0.25 * square / (middle - c)]);
+        let [_, above] = bisect(least, least.max(theta), 50, |lambda| {
+            let terms = rows().map(|(c, square)| [0.25 * square / (lambda - c)]);
             let [sum] = space.sum_lanes(self.inflow_rows, terms);
-            if sum <= middle {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        high
+            // NaN at a pole, which lies below the root.
+            sum.is_nan() || sum > lambda
+        });
+        above
     }
 
     /// Sets the weights of the auxiliary unknowns in `pi`: those of their rows, or `common`.
     fn set_auxiliary_weights(&self, pi: &mut [f64], common: f64) {
         let cells = self.block.cells();
-        if self.shared {
+        if self.has_common_unknown {
             pi[cells] = common;
             return;
         }
@@ -150,7 +146,7 @@ impl BlockMatrix {
         let rows = self.rows.changed(plain, |i, entries| {
             let (sign, aux) = match i.checked_sub(cells) {
                 None => (1.0, coupled.next_if(|aux| aux.row as usize == i)),
-                Some(m) => (-1.0, (!self.shared).then(|| &self.inflow[m])),
+                Some(m) => (-1.0, (!self.has_common_unknown).then(|| &self.inflow[m])),
             };
             if let (Some(aux), Some((_, s, k))) = (aux, entries.last_mut()) {
                 (*s, *k) = (0.5 * aux.coupling, 0.5 * sign * aux.coupling);
@@ -166,8 +162,8 @@ impl BlockMatrix {
         let own = move |aux: &AuxiliaryRow| {
             if aux.coupling == 0.0 { uncoupled } else { aux.values[k] / aux.coupling }
         };
-        let common = self.shared.then_some(uncoupled);
-        let list = if self.shared { &[] } else { &self.inflow[..] };
+        let common = self.has_common_unknown.then_some(uncoupled);
+        let list = if self.has_common_unknown { &[] } else { &self.inflow[..] };
         list.iter().map(own).chain(common)
     }
 }

@@ -1,6 +1,7 @@
 //! The rows with inflow through the boundary.
 
 use crate::problem::case::{LiouvilleField, MOST_FIELDS};
+use crate::scheme::row::InflowSource;
 use crate::scheme::rows::Row;
 
 /// The rows that have an auxiliary unknown, or are coupled to the common one.
@@ -55,31 +56,27 @@ impl AuxiliaryRow {
     }
 }
 
-/// The sources of a time-dependent inflow: `b_i(t) = Σ rate · value(ghost centre, t)` for each row.
+/// The sources of a time-dependent inflow: `b_i(t) = Σ rate · value(point, t)` for each row.
 #[derive(Clone, Debug, Default)]
 pub struct VaryingInflow {
-    /// `ghosts[ends[m − 1]..ends[m]]` are those of row `m`.
+    /// `sources[ends[m − 1]..ends[m]]` are those of row `m`.
     ends: Vec<usize>,
-    /// Rate and centre of each ghost.
-    ghosts: Vec<InflowSource>,
+    sources: Vec<InflowSource>,
 }
 
-/// Rate and centre of a ghost.
-type InflowSource = (f64, [f64; 6]);
-
 impl VaryingInflow {
-    /// Bytes of a row with one ghost.
+    /// Bytes of a row with one source.
     pub const ROW_BYTES: usize = size_of::<InflowSource>() + size_of::<usize>();
 
     /// Bytes of the sources.
     pub fn bytes(&self) -> usize {
-        size_of::<InflowSource>() * self.ghosts.len() + size_of::<usize>() * self.ends.len()
+        size_of::<InflowSource>() * self.sources.len() + size_of::<usize>() * self.ends.len()
     }
 
     /// Adds a row.
     pub(crate) fn push(&mut self, row: &Row) {
-        self.ghosts.extend_from_slice(&row.ghosts);
-        self.ends.push(self.ghosts.len());
+        self.sources.extend_from_slice(&row.sources);
+        self.ends.push(self.sources.len());
     }
 
     /// `b_i(time)` of `field` for each row with inflow.
@@ -88,23 +85,24 @@ impl VaryingInflow {
         self.sums(move |point| formula.at_point(point, time))
     }
 
-    /// `Σ rate · value(ghost centre)` for each row with inflow.
+    /// `Σ rate · value(point)` for each row with inflow.
     pub fn sums(&self, value: impl Fn(&[f64; 6]) -> f64) -> impl Iterator<Item = f64> {
         let all = 0..self.ends.len();
-        all.map(move |m| self.ghosts_of(m).iter().map(|(rate, point)| rate * value(point)).sum())
+        let term = move |source: &InflowSource| source.rate * value(&source.point);
+        all.map(move |m| self.sources_of(m).iter().map(&term).sum())
     }
 
-    /// Rates and centres of the ghosts of row `m`.
-    fn ghosts_of(&self, m: usize) -> &[InflowSource] {
+    /// The sources of row `m`.
+    fn sources_of(&self, m: usize) -> &[InflowSource] {
         let start = m.checked_sub(1).map_or(0, |before| self.ends[before]);
-        &self.ghosts[start..self.ends[m]]
+        &self.sources[start..self.ends[m]]
     }
 
-    /// The value of `field`'s inflow at the first ghost of row `m` where it is not finite, and the
-    /// centre of that ghost.
+    /// The value of `field`'s inflow at the first source of row `m` where it is not finite, and the
+    /// point of that source.
     pub fn not_finite(&self, field: &LiouvilleField, m: usize, time: f64) -> (f64, [f64; 6]) {
-        let value = |&(_, point): &InflowSource| (field.entering().at_point(&point, time), point);
-        let mut values = self.ghosts_of(m).iter().map(value);
+        let points = self.sources_of(m).iter().map(|source| source.point);
+        let mut values = points.map(|point| (field.entering().at_point(&point, time), point));
         values.find(|(value, _)| !value.is_finite()).unwrap_or((f64::NAN, [0.0; 6]))
     }
 }

@@ -15,27 +15,11 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
-use crate::matrix::row_lines::MOST_NODES;
+use crate::matrix::row_lines::for_nodes;
 use crate::matrix::rows::{RowSlices, Rows};
 use crate::matrix::vector::{self, Portable, Vector};
 use std::ops::Range;
 use std::sync::OnceLock;
-
-/// No start vector.
-impl StartRow for () {
-    #[inline(always)]
-    fn add<V: Vector>(_: &[Self], _: usize, _: V, sum: [V; 2]) -> [V; 2] {
-        sum
-    }
-}
-
-/// A real vector, the same in every lane.
-impl StartRow for f64 {
-    #[inline(always)]
-    fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, [re, im]: [V; 2]) -> [V; 2] {
-        [re.add_product(coefficient, V::splat(start[i])), im]
-    }
-}
 
 /// The constants of a step, in registers.
 #[derive(Clone, Copy)]
@@ -142,19 +126,11 @@ fn step_nodes<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
     vectors: &mut Vectors<'_, R>,
 ) {
     match matrix.lines().nodes {
-        2 => step_nodes_of::<V, ROWS, WHOLE, 2, R>(matrix, lines, constants, vectors),
-        3 => step_nodes_of::<V, ROWS, WHOLE, 3, R>(matrix, lines, constants, vectors),
-        4 => step_nodes_of::<V, ROWS, WHOLE, 4, R>(matrix, lines, constants, vectors),
-        5 => step_nodes_of::<V, ROWS, WHOLE, 5, R>(matrix, lines, constants, vectors),
-        6 => step_nodes_of::<V, ROWS, WHOLE, 6, R>(matrix, lines, constants, vectors),
-        7 => step_nodes_of::<V, ROWS, WHOLE, 7, R>(matrix, lines, constants, vectors),
-        8 => step_nodes_of::<V, ROWS, WHOLE, 8, R>(matrix, lines, constants, vectors),
-        MOST_NODES => {
-            step_nodes_of::<V, ROWS, WHOLE, MOST_NODES, R>(matrix, lines, constants, vectors)
-        }
         // Lines of one row are in the loop of `step_rows`.
         1 => {}
-        nodes => unreachable!("an element has at most {MOST_NODES} nodes, not {nodes}"),
+        nodes => for_nodes!(nodes, NODES => {
+            step_nodes_of::<V, ROWS, WHOLE, NODES, R>(matrix, lines, constants, vectors)
+        }),
     }
 }
 
@@ -308,7 +284,8 @@ impl<R: StartRow> Vectorized for LineStep<'_, R> {
 pub trait Vectorized {
     /// Does the work with vectors `V` and `ROWS` rows of a line at a time (see `step_lines`). It
     /// must be `#[inline(always)]` to be compiled for the instruction set. `FMA` is set only if the
-    /// processor has fused multiply-add: elsewhere `mul_add` is a slow library call.
+    /// processor has fused multiply-add: elsewhere `mul_add` is a slow library call. `WHOLE` is set
+    /// where the registers hold the sums of all rows of an element at once.
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self);
 }
 
@@ -336,28 +313,29 @@ pub enum InstructionSet {
 }
 
 /// Environment variable that names an instruction set.
-pub const VARIABLE: &str = "PHASEWARP_INSTRUCTION_SET";
+pub const INSTRUCTION_SET_VARIABLE: &str = "PHASEWARP_INSTRUCTION_SET";
 
 impl InstructionSet {
-    /// The set that [`VARIABLE`] names, or else the best of this processor; determined once.
+    /// The set that [`INSTRUCTION_SET_VARIABLE`] names, or else the best of this processor;
+    /// determined once.
     pub fn here() -> Self {
         static HERE: OnceLock<InstructionSet> = OnceLock::new();
         let best = || Self::all().next().unwrap_or(Self::Generic);
         *HERE.get_or_init(|| Self::chosen().ok().flatten().unwrap_or_else(best))
     }
 
-    /// The set that [`VARIABLE`] names; none if it is not set.
+    /// The set that [`INSTRUCTION_SET_VARIABLE`] names; none if it is not set.
     ///
     /// # Errors
     /// [`Error::Input`] if this processor has no set of that name.
     pub fn chosen() -> Result<Option<Self>> {
-        let Some(name) = std::env::var_os(VARIABLE) else {
+        let Some(name) = std::env::var_os(INSTRUCTION_SET_VARIABLE) else {
             return Ok(None);
         };
         match Self::all().find(|set| name == set.name()) {
             Some(set) => Ok(Some(set)),
             None => Err(Error::Input(format!(
-                "{VARIABLE}={}: this processor has {}",
+                "{INSTRUCTION_SET_VARIABLE}={}: this processor has {}",
                 name.display(),
                 Self::all().map(Self::name).collect::<Vec<_>>().join(", ")
             ))),
@@ -428,7 +406,7 @@ impl InstructionSet {
 mod tests {
     use super::*;
     use crate::matrix::lanes::LANES;
-    use crate::matrix::row_lines::{MatrixEntry, RowLines};
+    use crate::matrix::row_lines::{MOST_NODES, MatrixEntry, RowLines};
     use crate::matrix::rows::RowsBuilder;
     use crate::matrix::velocity_lines::VelocityLines;
 

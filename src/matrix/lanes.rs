@@ -3,6 +3,7 @@
 pub use crate::matrix::vector::LANES;
 use crate::matrix::vector::{Portable, Vector};
 use crate::parallel::communicator::VectorRow;
+use num_complex::Complex64;
 
 /// A row of a batch vector: real parts, then imaginary parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -18,6 +19,18 @@ impl Lanes {
     pub(crate) fn load<V: Vector>(&self) -> [V; 2] {
         let (parts, _) = self.0.as_chunks::<LANES>();
         [V::load(&parts[0]), V::load(&parts[1])]
+    }
+
+    /// The number in a lane.
+    #[inline(always)]
+    pub fn lane(&self, l: usize) -> Complex64 {
+        Complex64::new(self.0[l], self.0[LANES + l])
+    }
+
+    /// Sets the number in a lane.
+    #[inline(always)]
+    pub fn set_lane(&mut self, l: usize, value: Complex64) {
+        (self.0[l], self.0[LANES + l]) = (value.re, value.im);
     }
 
     /// Sets real and imaginary parts.
@@ -75,5 +88,21 @@ impl StartRow for Lanes {
     fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, [re, im]: [V; 2]) -> [V; 2] {
         let value = start[i].load();
         [re.add_product(coefficient, value[0]), im.add_product(coefficient, value[1])]
+    }
+}
+
+/// No start vector.
+impl StartRow for () {
+    #[inline(always)]
+    fn add<V: Vector>(_: &[Self], _: usize, _: V, sum: [V; 2]) -> [V; 2] {
+        sum
+    }
+}
+
+/// A real vector, the same in every lane.
+impl StartRow for f64 {
+    #[inline(always)]
+    fn add<V: Vector>(start: &[Self], i: usize, coefficient: V, [re, im]: [V; 2]) -> [V; 2] {
+        [re.add_product(coefficient, V::splat(start[i])), im]
     }
 }

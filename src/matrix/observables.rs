@@ -9,6 +9,7 @@ pub mod level_sets;
 pub mod surface;
 pub mod zeros;
 
+use crate::base::row_major::volume;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
 use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
@@ -195,7 +196,7 @@ fn on_surface(
     share: &[Range<usize>],
     fields: &[&[f64]],
 ) -> Vec<[f64; MOMENTS]> {
-    let mut sums = vec![[0.0; MOMENTS]; share.iter().map(Range::len).product()];
+    let mut sums = vec![[0.0; MOMENTS]; volume(share)];
     surface::for_each_zero(space, share, fields[0], &fields[1..], |zero| {
         let [_, _, _, x, y, z] = zero.point;
         let factors = [1.0, x, y, z, 0.5 * (x * x + y * y + z * z)];

@@ -212,9 +212,8 @@ impl PartRule {
 /// `Σ_n (M⁻¹)_mn ℓ_n(ξ_q) w_q`, with the exact mass matrix `M_mn = ∫ ℓ_m ℓ_n`.
 ///
 /// With the orthogonal Legendre polynomials this is `Σ_j (2j + 1)/2 P_j(ξ_m) P_j(ξ_q) w_q`.
-fn projector(nodes: Nodes, rule: &[QuadraturePoint]) -> Vec<Vec<f64>> {
-    let at_rule: Vec<Vec<f64>> =
-        rule.iter().map(|p| legendre_values(nodes.degree, p.node)).collect();
+fn projector(nodes: Nodes, rule: &[QuadraturePoint]) -> Matrix {
+    let at_rule: Matrix = rule.iter().map(|p| legendre_values(nodes.degree, p.node)).collect();
     (nodes.reference().nodes.iter())
         .map(|node| {
             let at_node = legendre_values(nodes.degree, *node);
@@ -231,7 +230,7 @@ fn projector(nodes: Nodes, rule: &[QuadraturePoint]) -> Vec<Vec<f64>> {
 /// `[j][m]`: the factor of the value at node `m` in the coefficient of the Legendre polynomial
 /// `P_j` of the polynomial through all nodes, `w_m P_j(ξ_m)/γ_j`. The discrete norms are
 /// `γ_j = 2/(2j + 1)`, and `2/k` for `P_k` at Gauss–Lobatto nodes.
-pub fn legendre_transform(nodes: Nodes) -> Vec<Vec<f64>> {
+pub fn legendre_transform(nodes: Nodes) -> Matrix {
     let (k, reference) = (nodes.degree, nodes.reference());
     (0..=k)
         .map(|j| {
@@ -254,7 +253,7 @@ fn lagrange_values(points: &[f64], x: f64) -> Vec<f64> {
 
 /// `[j][q]`: the factor of the value at point `q` in each of the two highest Legendre coefficients
 /// of the polynomial through all points; with two points only the highest.
-fn highest_coefficients(points: &[f64]) -> Vec<Vec<f64>> {
+fn highest_coefficients(points: &[f64]) -> Matrix {
     let count = points.len();
     let (middle, half) = (0.5 * (points[0] + points[count - 1]), points[count - 1] - points[0]);
     let scaled: Vec<f64> = points.iter().map(|x| 2.0 * (x - middle) / half).collect();

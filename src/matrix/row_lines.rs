@@ -7,6 +7,26 @@ pub type MatrixEntry = (u32, f64, f64);
 /// Most rows of a line: the nodes of an element of the largest degree.
 pub const MOST_NODES: usize = 9;
 
+/// Does `$work` with the constant `$NODES`, which is the number `$count` of nodes of an element:
+/// loops over nodes are compiled for each number of them.
+macro_rules! for_nodes {
+    ($count:expr, $NODES:ident => $work:expr) => {
+        $crate::matrix::row_lines::for_nodes!(@ $count, $NODES => $work; 2 3 4 5 6 7 8 9)
+    };
+    (@ $count:expr, $NODES:ident => $work:expr; $($number:literal)*) => {
+        match $count {
+            $($number => {
+                const $NODES: usize = $number;
+                $work
+            })*
+            nodes => unreachable!("an element has 2 to 9 nodes, not {nodes}"),
+        }
+    };
+}
+pub(crate) use for_nodes;
+
+const _: () = assert!(MOST_NODES == 9, "`for_nodes` has an arm for each number of nodes");
+
 /// The lines that rows of cells are gathered into. The nodes of a line are `stride` rows apart, and
 /// the lines of a layer of elements begin in its first `stride` rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,238 +16,25 @@
 //! the couplings of [`crate::scheme::galerkin`], with about `2k + 13` multiply-adds a row and mode
 //! instead of `12 (k + 1)`. Couplings that differ at the ends of the box stay in the rows.
 
+mod element;
+mod pass;
+
+pub use crate::matrix::velocity_lines::pass::{NodeValue, ProductFactors};
+
 use crate::matrix::lanes::{Lanes, StepConstants};
-use crate::matrix::row_lines::{MOST_NODES, MatrixEntry, RowLines};
+use crate::matrix::row_lines::{MatrixEntry, RowLines, for_nodes};
 use crate::matrix::vector::Vector;
+use crate::matrix::velocity_lines::element::{LineElement, LineRows};
+use crate::matrix::velocity_lines::pass::{LinePass, ProductPass, StepPass};
 use crate::parallel::partition::Block;
-use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::grid::PhaseSpace;
 use crate::problem::potential::Potential;
-use num_complex::Complex64;
 use std::ops::{Mul, Range};
 
 /// Entries below this, relative to the largest one of an element, are round-off.
 const ROUND_OFF: f64 = 256.0 * f64::EPSILON;
 /// Rows of a piece of lines, whose vectors are to stay in the first cache.
 const PIECE_ROWS: usize = 96;
-
-/// A number, or a number for each mode, at a node of a line.
-pub trait NodeValue: Copy {
-    /// Zero.
-    fn zero() -> Self;
-
-    /// `self + factor · value`.
-    fn plus(self, factor: f64, value: Self) -> Self;
-}
-
-impl NodeValue for f64 {
-    #[inline(always)]
-    fn zero() -> Self {
-        0.0
-    }
-
-    #[inline(always)]
-    fn plus(self, factor: f64, value: Self) -> Self {
-        self + factor * value
-    }
-}
-
-impl NodeValue for Complex64 {
-    #[inline(always)]
-    fn zero() -> Self {
-        Self::ZERO
-    }
-
-    #[inline(always)]
-    fn plus(self, factor: f64, value: Self) -> Self {
-        self + value * factor
-    }
-}
-
-/// The terms of the face between two elements: the factor of `r` in the element below and that of
-/// `l` in the element above.
-#[derive(Clone, Copy)]
-struct FaceTerms<T> {
-    below: T,
-    above: T,
-}
-
-/// What a pass over lines reads and writes.
-trait LinePass {
-    type Value: NodeValue;
-
-    /// Whether the vectors have rows below `end`; rows of lines that are within are not checked
-    /// again.
-    fn is_within(&self, end: usize) -> bool;
-
-    /// The value in a row.
-    fn value(&self, row: usize) -> Self::Value;
-
-    /// What `Skew x` contributes.
-    #[inline(always)]
-    fn skew(&self, sum: Self::Value) -> Self::Value {
-        sum
-    }
-
-    /// The terms of a face with the trace `below` it, `R₋`, and `above` it, `L`.
-    fn face(&self, below: Self::Value, above: Self::Value) -> FaceTerms<Self::Value>;
-
-    /// Adds `g sum` to the result in a row.
-    fn add(&mut self, row: usize, sum: Self::Value);
-}
-
-/// The matrices of the reference element in the weighted unknowns.
-#[derive(Clone, Debug)]
-struct LineElement {
-    nodes: usize,
-    /// `Skew`, column by column.
-    skew: Vec<f64>,
-    /// `l`.
-    left: Vec<f64>,
-    /// `r`.
-    right: Vec<f64>,
-    /// Largest absolute value of a coupling of rate 1.
-    largest: f64,
-}
-
-impl LineElement {
-    fn new(axis: &Axis) -> Self {
-        let (reference, nodes) = (axis.nodes.reference(), axis.nodes.count());
-        let root = |m: usize| reference.weights[m].sqrt();
-        let derivative = |m: usize, n: usize| root(m) * reference.derivative[m][n] / root(n);
-        let skew = |m: usize, n: usize| 0.5 * (derivative(m, n) - derivative(n, m));
-        let over_root = |values: &[f64]| -> Vec<f64> {
-            values.iter().enumerate().map(|(m, value)| value / root(m)).collect()
-        };
-        let (left, right) = (over_root(&reference.left), over_root(&reference.right));
-        let skew: Vec<f64> = (0..nodes * nodes).map(|c| skew(c % nodes, c / nodes)).collect();
-        let most = |list: &[f64]| list.iter().fold(0.0, |most, c: &f64| f64::max(most, c.abs()));
-        let largest = most(&skew).max(most(&left).powi(2)).max(most(&right).powi(2));
-        Self { nodes, skew, left, right, largest }
-    }
-
-    /// The same with lengths that the compiler knows.
-    #[inline(always)]
-    fn sized<const NODES: usize>(&self) -> SizedElement<'_, NODES> {
-        let (columns, _) = self.skew.as_chunks::<NODES>();
-        let array = |values| -> &[f64; NODES] { <&[f64; NODES]>::try_from(values).expect("sized") };
-        SizedElement {
-            skew: columns.try_into().expect("a column for each node"),
-            left: array(&self.left[..]),
-            right: array(&self.right[..]),
-        }
-    }
-}
-
-/// A [`LineElement`] of `NODES` nodes.
-#[derive(Clone, Copy)]
-struct SizedElement<'a, const NODES: usize> {
-    skew: &'a [[f64; NODES]; NODES],
-    left: &'a [f64; NODES],
-    right: &'a [f64; NODES],
-}
-
-impl<const NODES: usize> SizedElement<'_, NODES> {
-    /// The trace with the values `of` the polynomials in the element that begins with row `first`.
-    #[inline(always)]
-    fn trace<P: LinePass>(of: &[f64; NODES], pass: &P, first: usize, stride: usize) -> P::Value {
-        let mut sum = P::Value::zero();
-        for (n, factor) in of.iter().enumerate() {
-            sum = sum.plus(*factor, pass.value(first + n * stride));
-        }
-        sum
-    }
-
-    /// The terms of the face below an element, zero at the ends of the line.
-    #[inline(always)]
-    fn face_below<P: LinePass>(
-        self,
-        element: usize,
-        line: &LineRows,
-        pass: &P,
-    ) -> FaceTerms<P::Value> {
-        if element == 0 || element == line.elements {
-            return FaceTerms { below: P::Value::zero(), above: P::Value::zero() };
-        }
-        let first = line.first + element * NODES * line.stride;
-        let below = Self::trace(self.right, pass, first - NODES * line.stride, line.stride);
-        pass.face(below, Self::trace(self.left, pass, first, line.stride))
-    }
-
-    /// Adds the couplings of `COUNT` rows of an element, from its node `from` on.
-    #[inline(always)]
-    fn add_rows<P: LinePass, const COUNT: usize>(
-        self,
-        from: usize,
-        rows: &ElementRows<P::Value>,
-        pass: &mut P,
-    ) {
-        let &ElementRows { first, stride, lower, upper } = rows;
-        let mut sums = [P::Value::zero(); COUNT];
-        for n in 0..NODES {
-            let value = pass.value(first + n * stride);
-            for m in 0..COUNT {
-                sums[m] = sums[m].plus(self.skew[n][from + m], value);
-            }
-        }
-        for m in 0..COUNT {
-            let node = from + m;
-            let sum = pass.skew(sums[m]).plus(self.right[node], upper);
-            pass.add(first + node * stride, sum.plus(self.left[node], lower));
-        }
-    }
-
-    /// Adds the couplings of some elements of a line, `ROWS` rows at a time, or all rows of an
-    /// element if `WHOLE`.
-    #[inline(always)]
-    fn add_line<P: LinePass, const ROWS: usize, const WHOLE: bool>(
-        self,
-        line: &LineRows,
-        pass: &mut P,
-    ) {
-        let &LineRows { first, stride, ref wanted, .. } = line;
-        let mut lower = self.face_below(wanted.start, line, pass);
-        for element in wanted.clone() {
-            let upper = self.face_below(element + 1, line, pass);
-            let rows = ElementRows {
-                first: first + element * NODES * stride,
-                stride,
-                lower: lower.above,
-                upper: upper.below,
-            };
-            if WHOLE {
-                self.add_rows::<P, NODES>(0, &rows, pass);
-            } else {
-                let whole = NODES / ROWS * ROWS;
-                for from in (0..whole).step_by(ROWS) {
-                    self.add_rows::<P, ROWS>(from, &rows, pass);
-                }
-                for from in whole..NODES {
-                    self.add_rows::<P, 1>(from, &rows, pass);
-                }
-            }
-            lower = upper;
-        }
-    }
-}
-
-/// The rows of an element, and the terms of its faces.
-struct ElementRows<T> {
-    first: usize,
-    stride: usize,
-    /// Factor of `l`.
-    lower: T,
-    /// Factor of `r`.
-    upper: T,
-}
-
-/// The rows of a line.
-struct LineRows {
-    first: usize,
-    stride: usize,
-    elements: usize,
-    /// The elements whose rows are wanted.
-    wanted: Range<usize>,
-}
 
 /// A velocity axis along which a force acts.
 #[derive(Clone, Debug)]
@@ -261,6 +48,49 @@ pub(crate) struct ForcedAxis {
 }
 
 impl ForcedAxis {
+    /// `g` in row `i`.
+    fn rate(&self, i: usize, velocities: usize) -> f64 {
+        self.rates[i / velocities]
+    }
+
+    /// Whether it couples the velocities `i` and `j` of a space cell.
+    fn couples(&self, i: usize, j: usize) -> bool {
+        let block = self.elements * self.element.nodes * self.stride;
+        let element = |v: usize| v % block / self.stride / self.element.nodes;
+        let is_one_line = i / block == j / block && i % self.stride == j % self.stride;
+        is_one_line && element(i).abs_diff(element(j)) <= 1
+    }
+
+    /// Calls `visit(column, s, k)` for each coupling of row `i`.
+    fn visit_couplings(
+        &self,
+        i: usize,
+        velocities: usize,
+        flux: f64,
+        mut visit: impl FnMut(usize, f64, f64),
+    ) {
+        let &Self { ref element, elements, stride, .. } = self;
+        let &LineElement { nodes, ref skew, ref left, ref right, .. } = element;
+        let rate = self.rate(i, velocities);
+        let (half_k, half_s) = (0.5 * rate, 0.5 * flux * rate.abs());
+        let along = i % velocities / stride % (nodes * elements);
+        let (e, m) = (along / nodes, along % nodes);
+        let column = |node: usize| i + node * stride - along * stride;
+        let (is_first, is_last) = (e == 0, e + 1 == elements);
+        for n in 0..nodes {
+            let (l, r) = (left[m], right[m]);
+            let lower = if is_first { 0.0 } else { l * left[n] };
+            let upper = if is_last { 0.0 } else { r * right[n] };
+            visit(column(e * nodes + n), -half_s * (lower + upper), rate * skew[n * nodes + m]);
+            if !is_first {
+                visit(column((e - 1) * nodes + n), half_s * l * right[n], -half_k * l * right[n]);
+            }
+            if !is_last {
+                visit(column((e + 1) * nodes + n), half_s * r * left[n], half_k * r * left[n]);
+            }
+        }
+    }
+
     /// The lines of the rows `wanted`, which are those of whole elements, of the space cell that
     /// begins with row `first`.
     #[inline(always)]
@@ -289,16 +119,9 @@ impl ForcedAxis {
         wanted: Range<usize>,
         pass: &mut P,
     ) {
-        match self.element.nodes {
-            2 => self.add_sized::<P, ROWS, WHOLE, 2>(first, wanted, pass),
-            3 => self.add_sized::<P, ROWS, WHOLE, 3>(first, wanted, pass),
-            4 => self.add_sized::<P, ROWS, WHOLE, 4>(first, wanted, pass),
-            5 => self.add_sized::<P, ROWS, WHOLE, 5>(first, wanted, pass),
-            6 => self.add_sized::<P, ROWS, WHOLE, 6>(first, wanted, pass),
-            7 => self.add_sized::<P, ROWS, WHOLE, 7>(first, wanted, pass),
-            8 => self.add_sized::<P, ROWS, WHOLE, 8>(first, wanted, pass),
-            _ => self.add_sized::<P, ROWS, WHOLE, MOST_NODES>(first, wanted, pass),
-        }
+        for_nodes!(self.element.nodes, NODES => {
+            self.add_sized::<P, ROWS, WHOLE, NODES>(first, wanted, pass)
+        })
     }
 
     #[inline(always)]
@@ -316,118 +139,6 @@ impl ForcedAxis {
             element.add_line::<P, ROWS, WHOLE>(&line, pass);
         }
     }
-}
-
-impl<V: Vector> NodeValue for [V; 2] {
-    #[inline(always)]
-    fn zero() -> Self {
-        [V::splat(0.0); 2]
-    }
-
-    #[inline(always)]
-    fn plus(self, factor: f64, [re, im]: Self) -> Self {
-        let factor = V::splat(factor);
-        [self[0].add_product(factor, re), self[1].add_product(factor, im)]
-    }
-}
-
-/// The step of a batch of modes, `y ← a (−iμS + K) x + y`.
-struct StepPass<'a, V> {
-    y: &'a mut [Lanes],
-    x: &'a [Lanes],
-    /// `a g`.
-    scale: V,
-    /// `½ α sign(g) μ`, and minus that.
-    dissipation: [V; 2],
-}
-
-impl<V: Vector> LinePass for StepPass<'_, V> {
-    type Value = [V; 2];
-
-    #[inline(always)]
-    fn is_within(&self, end: usize) -> bool {
-        end <= self.x.len() && end <= self.y.len()
-    }
-
-    #[inline(always)]
-    fn value(&self, row: usize) -> [V; 2] {
-        // SAFETY: lines are within the rows that `add_sized` has checked.
-        unsafe { self.x.get_unchecked(row) }.load()
-    }
-
-    #[inline(always)]
-    fn face(&self, below: [V; 2], above: [V; 2]) -> FaceTerms<[V; 2]> {
-        let [re, im] = above.plus(-1.0, below);
-        let [plus, minus] = self.dissipation;
-        let ([to_re, to_im], zero) = (<[V; 2]>::zero().plus(0.5, above), <[V; 2]>::zero());
-        let [from_re, from_im] = zero.plus(-0.5, below);
-        FaceTerms {
-            below: [to_re.add_product(plus, im), to_im.add_product(minus, re)],
-            above: [from_re.add_product(minus, im), from_im.add_product(plus, re)],
-        }
-    }
-
-    #[inline(always)]
-    fn add(&mut self, row: usize, sum: [V; 2]) {
-        // SAFETY: as above.
-        let y = unsafe { self.y.get_unchecked_mut(row) };
-        let [re, im]: [V; 2] = y.load();
-        y.store([re.add_product(self.scale, sum[0]), im.add_product(self.scale, sum[1])]);
-    }
-}
-
-/// The products with real or complex numbers.
-struct ProductPass<'a, T> {
-    y: &'a mut [T],
-    x: &'a [T],
-    /// `g`.
-    rate: f64,
-    /// The factor of `K`.
-    skew: f64,
-    /// `½ α sign(g)` times the factor of `S`.
-    dissipation: T,
-}
-
-impl<T: NodeValue + Mul<Output = T>> LinePass for ProductPass<'_, T> {
-    type Value = T;
-
-    #[inline(always)]
-    fn is_within(&self, end: usize) -> bool {
-        end <= self.x.len() && end <= self.y.len()
-    }
-
-    #[inline(always)]
-    fn value(&self, row: usize) -> T {
-        self.x[row]
-    }
-
-    #[inline(always)]
-    fn skew(&self, sum: T) -> T {
-        T::zero().plus(self.skew, sum)
-    }
-
-    #[inline(always)]
-    fn face(&self, below: T, above: T) -> FaceTerms<T> {
-        let jump = self.dissipation * above.plus(-1.0, below);
-        FaceTerms {
-            below: jump.plus(0.5 * self.skew, above),
-            above: T::zero().plus(-1.0, jump.plus(0.5 * self.skew, below)),
-        }
-    }
-
-    #[inline(always)]
-    fn add(&mut self, row: usize, sum: T) {
-        self.y[row] = self.y[row].plus(self.rate, sum);
-    }
-}
-
-/// The factors of `S` and `K` in a product.
-#[derive(Clone, Copy, Debug)]
-pub struct ProductFactors<T> {
-    /// Factor of `S`.
-    pub s: T,
-    /// Factor of `K`.
-    pub k: f64,
 }
 
 /// The lines of all velocity axes.
@@ -644,51 +355,6 @@ struct ForcedCell<'a> {
     rate: f64,
     /// The wanted rows of the cell.
     wanted: Range<usize>,
-}
-
-impl ForcedAxis {
-    /// `g` in row `i`.
-    fn rate(&self, i: usize, velocities: usize) -> f64 {
-        self.rates[i / velocities]
-    }
-
-    /// Whether it couples the velocities `i` and `j` of a space cell.
-    fn couples(&self, i: usize, j: usize) -> bool {
-        let block = self.elements * self.element.nodes * self.stride;
-        let element = |v: usize| v % block / self.stride / self.element.nodes;
-        let is_one_line = i / block == j / block && i % self.stride == j % self.stride;
-        is_one_line && element(i).abs_diff(element(j)) <= 1
-    }
-
-    /// Calls `visit(column, s, k)` for each coupling of row `i`.
-    fn visit_couplings(
-        &self,
-        i: usize,
-        velocities: usize,
-        flux: f64,
-        mut visit: impl FnMut(usize, f64, f64),
-    ) {
-        let &Self { ref element, elements, stride, .. } = self;
-        let &LineElement { nodes, ref skew, ref left, ref right, .. } = element;
-        let rate = self.rate(i, velocities);
-        let (half_k, half_s) = (0.5 * rate, 0.5 * flux * rate.abs());
-        let along = i % velocities / stride % (nodes * elements);
-        let (e, m) = (along / nodes, along % nodes);
-        let column = |node: usize| i + node * stride - along * stride;
-        let (is_first, is_last) = (e == 0, e + 1 == elements);
-        for n in 0..nodes {
-            let (l, r) = (left[m], right[m]);
-            let lower = if is_first { 0.0 } else { l * left[n] };
-            let upper = if is_last { 0.0 } else { r * right[n] };
-            visit(column(e * nodes + n), -half_s * (lower + upper), rate * skew[n * nodes + m]);
-            if !is_first {
-                visit(column((e - 1) * nodes + n), half_s * l * right[n], -half_k * l * right[n]);
-            }
-            if !is_last {
-                visit(column((e + 1) * nodes + n), half_s * r * left[n], half_k * r * left[n]);
-            }
-        }
-    }
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@
 //! ranks.
 
 use crate::base::error::{Error, Result};
+use crate::base::fixed_point::larger;
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::problem::grid::{Axis, PhaseSpace};
@@ -28,12 +29,6 @@ const NEGLIGIBLE: f64 = 1e-6;
 
 /// Numbers that are compared at once.
 const ABREAST: usize = 8;
-
-/// The larger number; NaN if one is. Without a branch, for vector operations.
-#[inline(always)]
-fn larger(a: f64, b: f64) -> f64 {
-    if b > a || b.is_nan() { b } else { a }
-}
 
 /// Largest of the values; NaN if one is.
 fn largest(values: impl Iterator<Item = f64>) -> f64 {

@@ -2,8 +2,8 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::log::report;
-use crate::parallel::communicator::Group;
-use crate::parallel::communicator::watch::{PAUSE, STACK, USUAL_LOOKS, looks};
+use crate::parallel::communicator::watch::{PAUSE, STACK, USUAL_CHECKS, checks};
+use crate::parallel::group::Group;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::*;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
@@ -14,10 +14,10 @@ use std::thread::Builder;
 /// does not count. None where the user wants none.
 fn deadline(error: &Error) -> Option<Sender<()>> {
     let message = format!("error: {error}");
-    let looks = looks().unwrap_or(USUAL_LOOKS);
+    let checks = checks().unwrap_or(USUAL_CHECKS);
     let (open, closed) = channel::<()>();
     let wait = move || {
-        for _ in 0..looks {
+        for _ in 0..checks {
             if closed.recv_timeout(PAUSE) != Err(RecvTimeoutError::Timeout) {
                 return;
             }
@@ -26,7 +26,7 @@ fn deadline(error: &Error) -> Option<Sender<()>> {
         SimpleCommunicator::world().abort(1);
     };
     let thread = Builder::new().name("deadline".to_owned()).stack_size(STACK);
-    (looks > 0 && thread.spawn(wait).is_ok()).then_some(open)
+    (checks > 0 && thread.spawn(wait).is_ok()).then_some(open)
 }
 
 impl Group {

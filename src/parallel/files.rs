@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::row_major::DatasetBox;
-use crate::parallel::communicator::Group;
+use crate::parallel::group::Group;
 use hdf5::{Dataset, File, Hyperslab, SliceOrIndex};
 use ndarray::IxDyn;
 use std::fmt::Display;

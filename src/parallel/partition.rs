@@ -5,7 +5,7 @@
 //! is not split. Rank `r` has space block `r mod S` and mode group `r / S`.
 
 use crate::base::error::{Error, Result};
-use crate::base::row_major::{indices, number};
+use crate::base::row_major::{indices, number, position, volume};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, SPACE_NAMES, for_each_cell};
 use std::ops::Range;
 
@@ -151,20 +151,9 @@ pub struct Block {
     pub velocity_line: usize,
     /// Whether the first x-axis is periodic: the first cells of the block along it are next to the
     /// last ones.
-    pub closed: bool,
+    pub first_axis_is_periodic: bool,
     slabs: Vec<GhostLayer>,
     shape: Vec<usize>,
-}
-
-fn volume(ranges: &[Range<usize>]) -> usize {
-    ranges.iter().map(Range::len).product()
-}
-
-/// Row-major position of `i` in `ranges`, if it is inside.
-fn position_in(ranges: &[Range<usize>], i: &[usize; MAX_DIMENSION]) -> Option<usize> {
-    ranges.iter().enumerate().try_fold(0, |position, (a, r)| {
-        r.contains(&i[a]).then(|| position * r.len() + i[a] - r.start)
-    })
 }
 
 /// A run of space cells that two boxes share.
@@ -190,7 +179,7 @@ pub fn common_runs(from: &[Range<usize>], to: &[Range<usize>]) -> Vec<CommonRun>
     last.end = last.end.min(last.start + 1);
     let mut runs = Vec::new();
     for_each_cell(&common, |i| {
-        if let (Some(from), Some(to)) = (position_in(from, i), position_in(to, i)) {
+        if let (Some(from), Some(to)) = (position(from, i), position(to, i)) {
             runs.push(CommonRun { from, to, length });
         }
     });
@@ -210,7 +199,7 @@ impl Block {
     /// The block `block` of `mesh`.
     pub fn new(space: &PhaseSpace, mesh: &ProcessMesh, block: usize) -> Self {
         let ranges = mesh.ranges(space, block);
-        let position = mesh.position(block);
+        let place = mesh.position(block);
         let velocity_cells = space.velocity_cells();
         let mut slabs = Vec::new();
         let mut start = 0;
@@ -226,10 +215,10 @@ impl Block {
                 start += volume(&slab.ghost) * velocity_cells;
                 slabs.push(slab);
             };
-            if position[a] > 0 {
+            if place[a] > 0 {
                 add(block - stride, range.start - 1, range.start);
             }
-            if position[a] + 1 < mesh.space[a] {
+            if place[a] + 1 < mesh.space[a] {
                 add(block + stride, range.end, range.end - 1);
             }
         }
@@ -237,7 +226,7 @@ impl Block {
             ranges,
             velocity_cells,
             velocity_line: space.v.last().map_or(1, |axis| axis.cells),
-            closed: space.is_periodic(0),
+            first_axis_is_periodic: space.is_periodic(0),
             slabs,
             shape: space.x.iter().map(|a| a.cells).collect(),
         }
@@ -274,7 +263,7 @@ impl Block {
             .map(|slab| {
                 let mut send = Vec::new();
                 for_each_cell(&slab.edge, |i| {
-                    if let Some(position) = position_in(&self.ranges, i) {
+                    if let Some(position) = position(&self.ranges, i) {
                         let first = position * self.velocity_cells;
                         send.extend((first..first + self.velocity_cells).map(|r| r as u32));
                     }
@@ -298,11 +287,11 @@ impl Block {
             i[a] = rest % cells;
             rest /= cells;
         }
-        if let Some(position) = position_in(&self.ranges, &i) {
+        if let Some(position) = position(&self.ranges, &i) {
             return Some(LocalIndex::Own(position * self.velocity_cells + v));
         }
         self.slabs.iter().find_map(|slab| {
-            let position = position_in(&slab.ghost, &i)?;
+            let position = position(&slab.ghost, &i)?;
             Some(LocalIndex::Ghost(slab.start + position * self.velocity_cells + v))
         })
     }
@@ -357,7 +346,7 @@ mod tests {
             let (a, b) = (&a[..], &b[..]);
             let mut expected = Vec::new();
             for_each_cell(a, |i| {
-                expected.extend(position_in(b, i).map(|to| (position_in(a, i).unwrap(), to)));
+                expected.extend(position(b, i).map(|to| (position(a, i).unwrap(), to)));
             });
             let found: Vec<(usize, usize)> = (common_runs(a, b).iter())
                 .flat_map(|run| (0..run.length).map(|k| (run.from + k, run.to + k)))

@@ -26,6 +26,13 @@ pub struct Batch {
     pub cost: usize,
 }
 
+impl Batch {
+    /// The mode of a lane; the last one also fills the lanes after it.
+    pub fn mode(&self, lane: usize) -> usize {
+        self.modes[lane.min(self.modes.len() - 1)]
+    }
+}
+
 /// Modelled cost of a group.
 pub fn cost(group: &[Batch]) -> usize {
     group.iter().map(|b| b.cost).sum()

@@ -3,11 +3,11 @@
 use crate::base::error::Result;
 use crate::base::log::report;
 use crate::base::memory;
+use crate::base::row_major::volume;
 use crate::parallel::communicator::{Group, World};
 use crate::plan::layout::{Resources, refuse_too_large};
 use crate::problem::case::Case;
 use crate::problem::potential::Potential;
-use std::ops::Range;
 use std::time::Instant;
 
 /// Bytes a rank of `world` may take: its share of the memory of its node, within its own limits,
@@ -42,7 +42,7 @@ fn seconds_to_evaluate(case: &Case) -> f64 {
     }
     let side = SAMPLE.powf(1.0 / axes.len() as f64) as usize;
     let ranges: Vec<_> = axes.iter().map(|axis| 0..axis.cells.min(side)).collect();
-    let some: usize = ranges.iter().map(Range::len).product();
+    let some = volume(&ranges);
     let started = Instant::now();
     // Errors of V are reported where V is used.
     let _ = Potential::new(case, &ranges);

@@ -235,17 +235,27 @@ impl PhaseSpace {
         number(self.axes().map(|axis| axis.cells), cell.iter().copied())
     }
 
-    /// The global indices of the unknowns of the element that has these numbers along the axes.
-    pub fn cells_of(&self, element: &Cell) -> impl Iterator<Item = usize> + use<> {
-        self.axes()
-            .zip(element)
-            .fold(vec![0], |cells, (axis, e)| {
+    /// The numbers of the unknowns of the element that has these numbers along the axes, in the space
+    /// cells `ranges` with all velocities. For [`space_ranges`](Self::space_ranges) these are the
+    /// global indices.
+    pub fn cells_of(
+        &self,
+        element: &Cell,
+        ranges: &[Range<usize>],
+    ) -> impl Iterator<Item = usize> + use<> {
+        let of_space = self.x.iter().zip(ranges.iter().cloned());
+        let of_velocity = self.v.iter().map(|axis| (axis, 0..axis.cells));
+        let cells = of_space.chain(of_velocity).zip(element).fold(
+            vec![0],
+            |cells, ((axis, Range { start, end }), e)| {
                 let count = axis.nodes.count();
-                let along =
-                    move |index| (e * count..(e + 1) * count).map(move |j| index * axis.cells + j);
+                let along = move |index| {
+                    (e * count..(e + 1) * count).map(move |j| index * (end - start) + j - start)
+                };
                 cells.into_iter().flat_map(along).collect()
-            })
-            .into_iter()
+            },
+        );
+        cells.into_iter()
     }
 
     /// Whether space axis `a` is periodic.

@@ -21,6 +21,7 @@ pub use crate::problem::potential::edges::{
 };
 
 use crate::base::error::{Error, Result};
+use crate::base::row_major::volume;
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
@@ -348,7 +349,7 @@ impl Potential {
 /// node's element belongs. It may be not finite, as the scheme of degree 0 needs `V` at faces only.
 pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
     let axes = &case.space.x;
-    let mut values = Vec::with_capacity(ranges.iter().map(Range::len).product());
+    let mut values = Vec::with_capacity(volume(ranges));
     for_each_cell(ranges, |i| {
         // Undefined conditions are reported by `Potential::new`.
         let found = piece(&case.potential, &element_centre(axes, i)).ok();

@@ -108,7 +108,7 @@ impl Table {
             head.into_iter().chain(axis.points.iter().map(|p| p.to_bits())).collect::<Vec<_>>()
         };
         let values = self.values.iter().map(|value| value.to_bits());
-        checksum::of_run(0, self.axes.iter().flat_map(axis).chain(values))
+        checksum::run_checksum(0, self.axes.iter().flat_map(axis).chain(values))
     }
 
     /// Whether coordinate `position` is one of its axes.

@@ -29,7 +29,8 @@
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{FastestBlocking, MOST_LEVELS, RecurrenceSteps};
+use crate::matrix::blocking::fastest::FastestBlocking;
+use crate::matrix::blocking::{MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};
@@ -102,6 +103,20 @@ fn least_degree(tau: f64, tail: f64, guess: f64) -> usize {
         }
     }
     high as usize
+}
+
+/// The coefficient of term `k` in each lane.
+fn coefficient(coefficients: &[f64], k: usize) -> [f64; LANES] {
+    coefficients.as_chunks().0[k]
+}
+
+/// The step that leads from term `k` to the next one, and adds `coefficient` times the start.
+fn level(constants: &StepConstants, k: usize, coefficient: [f64; LANES]) -> StepConstants {
+    let mut constants = StepConstants { coefficient, ..constants.clone() };
+    if k > 0 {
+        constants.scale.iter_mut().for_each(|a| *a *= 2.0);
+    }
+    constants
 }
 
 /// Scratch of the Chebyshev propagator for one rank; made once, used for every batch.
@@ -191,6 +206,16 @@ impl Chebyshev {
         self.coefficients[..LANES].copy_from_slice(&self.first_less_one);
     }
 
+    /// The first vectors of a recurrence: zero, and the given `coefficient` times `start`.
+    fn begin<R: StartRow>(&mut self, rows: usize, coefficient: &[f64; LANES], start: &[R]) {
+        self.previous.fill(Lanes::ZERO);
+        self.current.fill(Lanes::ZERO);
+        for (i, current) in self.current[..rows].iter_mut().enumerate() {
+            // `current` is zero here, so the sum has the same bits on any processor.
+            R::add_unfused(start, i, coefficient, current);
+        }
+    }
+
     /// The series of degree `degree` from [`prepare`](Self::prepare) of `start`, into `current`;
     /// with the `couplings` of a stage, if the inflow varies. Collective over the space group.
     ///
@@ -205,27 +230,15 @@ impl Chebyshev {
         start: &[R],
     ) -> Result<()> {
         let (matrix, exchange) = (system.matrix, &mut *system.exchange);
-        let constants = |k: usize| {
-            let mut constants = constants.clone();
-            let row = &self.coefficients[k * LANES..(k + 1) * LANES];
-            constants.coefficient.copy_from_slice(row);
-            if k > 0 {
-                constants.scale.iter_mut().for_each(|a| *a *= 2.0);
-            }
-            constants
-        };
-        self.previous.fill(Lanes::ZERO);
-        self.current.fill(Lanes::ZERO);
-        let first = constants(degree).coefficient;
-        for (i, current) in self.current[..matrix.rows()].iter_mut().enumerate() {
-            // `current` is zero here, so the sum has the same bits on any processor.
-            R::add_unfused(start, i, &first, current);
-        }
+        let first = coefficient(&self.coefficients, degree);
+        self.begin(matrix.rows(), &first, start);
         let mut left = degree;
         while left > 0 {
             self.levels.clear();
-            let levels = system.interruption.before_look(left.min(self.blocking.depth()));
-            self.levels.extend((left - levels..left).rev().map(constants));
+            let levels =
+                system.interruption.applications_until_check(left.min(self.blocking.depth()));
+            let level = |k| level(constants, k, coefficient(&self.coefficients, k));
+            self.levels.extend((left - levels..left).rev().map(level));
             let steps = RecurrenceSteps { levels: &self.levels, couplings };
             let (y, x) = (&mut self.previous, &mut self.current);
             let began = Instant::now();
@@ -253,32 +266,22 @@ impl Chebyshev {
         passed: &mut IntermediateMoments<'_>,
     ) -> Result<()> {
         let (matrix, exchange) = (system.matrix, &mut *system.exchange);
-        let constants = |k: usize| {
-            let mut constants = StepConstants { coefficient: [0.0; LANES], ..constants.clone() };
-            if k > 0 {
-                constants.scale.iter_mut().for_each(|a| *a *= 2.0);
-            }
-            constants
-        };
         let rows = matrix.rows();
-        self.previous.fill(Lanes::ZERO);
-        self.current.fill(Lanes::ZERO);
-        for (i, current) in self.current[..rows].iter_mut().enumerate() {
-            R::add_unfused(start, i, &[1.0; LANES], current);
-        }
-        let (mut terms, blocking) = passed.reader(matrix, &self.coefficients);
+        self.begin(rows, &[1.0; LANES], start);
+        let IntermediateMoments { terms, blocking } = passed;
         terms.expect(0..1);
-        terms.read(0, 0..rows, &self.current);
+        terms.read(0, 0..rows, &self.current, &self.coefficients);
         let mut done = 0;
         while done < degree {
             let most = blocking.depth().min(degree - done);
-            let to = done + system.interruption.before_look(most);
+            let to = done + system.interruption.applications_until_check(most);
             self.levels.clear();
-            self.levels.extend((done..to).map(constants));
+            self.levels.extend((done..to).map(|k| level(constants, k, [0.0; LANES])));
             terms.expect(done + 1..to + 1);
             let steps = RecurrenceSteps { levels: &self.levels, couplings: None };
             let vectors = [&mut self.previous, &mut self.current];
-            let mut read = |level, rows, term: &[Lanes]| terms.read(level, rows, term);
+            let at_end = &self.coefficients[..];
+            let mut read = |level, rows, term: &[Lanes]| terms.read(level, rows, term, at_end);
             let began = Instant::now();
             matrix.steps_and_read::<()>(
                 exchange,
@@ -294,7 +297,7 @@ impl Chebyshev {
             }
             done = to;
         }
-        std::mem::swap(&mut self.current, &mut passed.sum);
+        std::mem::swap(&mut self.current, &mut terms.sum);
         Ok(())
     }
 }
@@ -323,7 +326,7 @@ impl Propagator for Chebyshev {
         passed: &mut IntermediateMoments<'_>,
     ) -> Result<BatchReport> {
         let (constants, report) = self.prepare(system, batch, system.time);
-        passed.prepare(system, batch);
+        passed.terms.prepare(system, batch);
         let degree = batch.largest_work();
         match initial.state {
             StateRows::Real(start) => self.forwards(system, &constants, degree, start, passed)?,

@@ -82,6 +82,7 @@ impl Propagator for CommutatorFree<'_> {
         let stages = self.schedule.stages();
         let time = system.time / stages as f64;
         let most = self.chebyshev.largest_degree();
+        let room = self.series.capacity();
         let stage = BatchSpec {
             work: std::array::from_fn(|l| {
                 let interval = system.bounds.interval(batch.wavenumbers[l]);
@@ -90,6 +91,7 @@ impl Propagator for CommutatorFree<'_> {
             }),
             ..batch.clone()
         };
+        debug_assert_eq!(self.series.capacity(), room, "a series of the whole run did not fit");
         let longest = stage.largest_work();
         let (constants, mut report) = self.chebyshev.prepare(system, &stage, time);
         self.chebyshev.leave_out_identity();

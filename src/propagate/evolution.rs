@@ -8,7 +8,6 @@ use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::ProcessMesh;
 use crate::problem::case::Case;
 use crate::propagate::interruption::Interruption;
-use std::ops::Range;
 
 /// The system that is propagated: the matrix on this rank, the exchange of ghosts, the bounds.
 pub struct Evolution<'a> {
@@ -23,7 +22,7 @@ pub struct Evolution<'a> {
     /// The time `T` to propagate over.
     pub time: f64,
     /// Space cells and auxiliary unknowns over the space group: terms of a norm.
-    pub terms: usize,
+    pub norm_terms: usize,
     /// Decides whether a batch is interrupted.
     pub interruption: Interruption,
 }
@@ -38,9 +37,8 @@ impl Evolution<'_> {
         bounds: &[f64; LANES],
         mut term: impl FnMut(usize) -> [f64; LANES],
     ) -> [f64; LANES] {
-        let fixed = bounds.map(|bound| FixedPoint::new(2.0 * bound, self.terms));
-        let mut totals = [0i64; 2 * LANES];
-        for rows in pieces(self.matrix) {
+        let fixed = bounds.map(|bound| FixedPoint::new(2.0 * bound, self.norm_terms));
+        let sums = self.matrix.pieces().map(|rows| {
             let mut sums = [0.0; LANES];
             for i in rows {
                 let term = term(i);
@@ -48,14 +46,9 @@ impl Evolution<'_> {
                     sums[l] += term[l];
                 }
             }
-            for l in 0..LANES {
-                let parts = fixed[l].split(sums[l]);
-                totals[2 * l] += parts[0];
-                totals[2 * l + 1] += parts[1];
-            }
-        }
-        self.space.sum_integers(&mut totals);
-        std::array::from_fn(|l| fixed[l].join([totals[2 * l], totals[2 * l + 1]]))
+            sums
+        });
+        self.space.fixed_sums(fixed, sums)
     }
 
     /// Norms of the lanes of `state`, whose squares are at most `squares`. Collective over the
@@ -67,14 +60,6 @@ impl Evolution<'_> {
         };
         self.lane_sums(squares, square).map(f64::sqrt)
     }
-}
-
-/// Groups of rows that are on one rank in any partition: the velocities at each point of space,
-/// then each auxiliary unknown. An unknown that the ranks share counts on the first rank.
-pub(crate) fn pieces(matrix: &BlockMatrix) -> impl Iterator<Item = Range<usize>> {
-    let (nv, cells) = (matrix.block.velocity_cells, matrix.block.cells());
-    let points = (0..cells / nv).map(move |c| c * nv..(c + 1) * nv);
-    points.chain((cells..matrix.counted_rows()).map(|i| i..i + 1))
 }
 
 /// This rank's rows of the state that is propagated.

@@ -76,9 +76,7 @@ impl Implicit {
 }
 
 fn set_lane(lanes: &mut [Lanes], l: usize, values: &[Complex64]) {
-    for (Lanes(row), value) in lanes.iter_mut().zip(values) {
-        (row[l], row[LANES + l]) = (value.re, value.im);
-    }
+    lanes.iter_mut().zip(values).for_each(|(row, value)| row.set_lane(l, *value));
 }
 
 impl Propagator for Implicit {
@@ -104,8 +102,7 @@ impl Propagator for Implicit {
             let mu = batch.wavenumbers[l];
             self.system.factorise(system, a, mu)?;
             for (i, w) in self.mode[..rows].iter_mut().enumerate() {
-                let Lanes(row) = initial.state.row(i);
-                *w = Complex64::new(row[l], row[LANES + l]);
+                *w = initial.state.row(i).lane(l);
             }
             for _ in 0..steps {
                 // No step increases the norm, except by round-off.

@@ -12,7 +12,8 @@
 //! the sum of the terms, which takes a third vector.
 
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::matrix::blocking::{FastestBlocking, MOST_LEVELS};
+use crate::matrix::blocking::MOST_LEVELS;
+use crate::matrix::blocking::fastest::FastestBlocking;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MomentsOf;
 use crate::matrix::terms::TermRows;
@@ -23,6 +24,14 @@ use std::ops::Range;
 
 /// The moments of a batch at the times that a leg passes, and their scratch; made once.
 pub struct IntermediateMoments<'a> {
+    /// The terms of the series, as they are read.
+    pub(crate) terms: PassedTerms<'a>,
+    /// The blockings of the steps.
+    pub(crate) blocking: FastestBlocking,
+}
+
+/// Reads the terms of a series, each once.
+pub(crate) struct PassedTerms<'a> {
     moments: &'a MomentsOf<'a>,
     /// `1/√π` of the cells.
     scales: Vec<f64>,
@@ -43,7 +52,10 @@ pub struct IntermediateMoments<'a> {
     /// The sum of the terms.
     pub(crate) sum: Vec<Lanes>,
     series: Vec<f64>,
-    blocking: FastestBlocking,
+    /// The first of the terms that are expected.
+    first: usize,
+    /// The times to which these add.
+    active: Range<usize>,
 }
 
 impl<'a> IntermediateMoments<'a> {
@@ -57,7 +69,7 @@ impl<'a> IntermediateMoments<'a> {
         applications: usize,
     ) -> Self {
         let points = matrix.block.space_cells();
-        Self {
+        let terms = PassedTerms {
             scales: moments.pi.iter().map(|pi| 1.0 / pi.sqrt()).collect(),
             times: Vec::with_capacity(times),
             weights: Vec::with_capacity(times),
@@ -65,12 +77,14 @@ impl<'a> IntermediateMoments<'a> {
             coefficients: vec![0.0; times * (largest_degree + 1) * LANES],
             most_terms: largest_degree + 1,
             of_terms: Vec::with_capacity(times * MOST_LEVELS),
-            blocking: FastestBlocking::planned_to_read(matrix, applications),
             values: vec![[0.0; LANES]; points * times * moments.count()],
             sum: vec![Lanes::ZERO; matrix.length()],
             series: Vec::with_capacity(2 * largest_degree + 200),
+            first: 0,
+            active: 0..0,
             moments,
-        }
+        };
+        Self { terms, blocking: FastestBlocking::planned_to_read(matrix, applications) }
     }
 
     /// These moments with another blocking of steps, whose tiles have all velocities.
@@ -93,14 +107,26 @@ impl<'a> IntermediateMoments<'a> {
     /// Sets the times that the next leg passes, and the factor of each lane, without the phase of
     /// the leg itself.
     pub fn begin(&mut self, times: &[f64], weights: &[Complex64; LANES]) {
-        self.times.clear();
-        self.times.extend_from_slice(times);
-        self.weights.clear();
-        self.weights.resize(times.len(), *weights);
-        self.lengths.clear();
-        self.lengths.resize(times.len(), 0);
+        let terms = &mut self.terms;
+        terms.times.clear();
+        terms.times.extend_from_slice(times);
+        terms.weights.clear();
+        terms.weights.resize(times.len(), *weights);
+        terms.lengths.clear();
+        terms.lengths.resize(times.len(), 0);
     }
 
+    /// By point of space, the moments at time number `time` of the leg, by lane: density, momenta,
+    /// energy.
+    pub fn at(&self, time: usize) -> impl Iterator<Item = &[[f64; LANES]]> {
+        let terms = &self.terms;
+        let (count, times) = (terms.moments.count(), terms.times.len());
+        let points = terms.values.chunks_exact(times * count);
+        points.map(move |values| &values[time * count..(time + 1) * count])
+    }
+}
+
+impl PassedTerms<'_> {
     /// Computes the coefficients of the terms at each time, each lane up to its own degree.
     pub(crate) fn prepare(&mut self, system: &Evolution<'_>, batch: &BatchSpec) {
         self.values.fill([0.0; LANES]);
@@ -123,59 +149,6 @@ impl<'a> IntermediateMoments<'a> {
         }
     }
 
-    /// The reader of the terms of a series that has these `coefficients` at the end of the leg; and
-    /// the blockings of its steps.
-    pub(crate) fn reader<'r>(
-        &'r mut self,
-        matrix: &BlockMatrix,
-        coefficients: &'r [f64],
-    ) -> (TermReader<'r>, &'r mut FastestBlocking) {
-        let Self { moments, scales, weights, lengths, of_terms, values, sum, blocking, .. } = self;
-        let reader = TermReader {
-            moments,
-            scales,
-            weights,
-            lengths,
-            table: &self.coefficients,
-            most_terms: self.most_terms,
-            at_end: coefficients,
-            of_terms,
-            values,
-            sum: &mut sum[..matrix.rows()],
-            first: 0,
-            active: 0..0,
-        };
-        (reader, blocking)
-    }
-
-    /// By point of space, the moments at time number `time` of the leg, by lane: density, momenta,
-    /// energy.
-    pub fn at(&self, time: usize) -> impl Iterator<Item = &[[f64; LANES]]> {
-        let (count, times) = (self.moments.count(), self.times.len());
-        let points = self.values.chunks_exact(times * count);
-        points.map(move |values| &values[time * count..(time + 1) * count])
-    }
-}
-
-/// Reads the terms of a series.
-pub(crate) struct TermReader<'r> {
-    moments: &'r MomentsOf<'r>,
-    scales: &'r [f64],
-    weights: &'r [[Complex64; LANES]],
-    lengths: &'r [usize],
-    table: &'r [f64],
-    most_terms: usize,
-    at_end: &'r [f64],
-    of_terms: &'r mut Vec<[f64; 2 * LANES]>,
-    values: &'r mut [[f64; LANES]],
-    sum: &'r mut [Lanes],
-    /// The first of the terms that are expected.
-    first: usize,
-    /// The times to which these add.
-    active: Range<usize>,
-}
-
-impl TermReader<'_> {
     /// Announces the terms that come next.
     pub(crate) fn expect(&mut self, terms: Range<usize>) {
         // Later times take more terms.
@@ -186,7 +159,7 @@ impl TermReader<'_> {
         for k in terms {
             for t in self.active.clone() {
                 let from = (t * self.most_terms + k) * LANES;
-                let coefficients = &self.table[from..from + LANES];
+                let coefficients = &self.coefficients[from..from + LANES];
                 let mut weights = [0.0; 2 * LANES];
                 for (l, a) in coefficients.iter().enumerate() {
                     weights[l] = a * self.weights[t][l].re;
@@ -198,15 +171,22 @@ impl TermReader<'_> {
     }
 
     /// Reads some rows of the `level`-th of these terms: whole points of space, or auxiliary
-    /// unknowns.
-    pub(crate) fn read(&mut self, level: usize, rows: Range<usize>, term: &[Lanes]) {
+    /// unknowns. `at_end` are the coefficients of the series at the end of the leg, by term and
+    /// lane.
+    pub(crate) fn read(
+        &mut self,
+        level: usize,
+        rows: Range<usize>,
+        term: &[Lanes],
+        at_end: &[f64],
+    ) {
         let (k, cells) = (self.first + level, self.scales.len());
         let own = rows.start.min(cells)..rows.end.min(cells);
         let (nv, times) = (self.moments.factors.cells(), self.lengths.len());
         let width = times * self.moments.count();
         TermRows {
             term: &term[rows.clone()],
-            coefficient: self.at_end[k * LANES..].first_chunk().unwrap_or(&[0.0; LANES]),
+            coefficient: at_end[k * LANES..].first_chunk().unwrap_or(&[0.0; LANES]),
             sum: &mut self.sum[rows],
             scales: &self.scales[own.clone()],
             factors: self.moments.factors.each(),

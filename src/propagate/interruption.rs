@@ -50,7 +50,7 @@ impl Interruption {
     /// The number of applications, at most `most`, that this rank may take before it calls
     /// [`after`](Self::after): up to the next check of all ranks, since each rank may block its
     /// steps differently.
-    pub fn before_look(&self, most: usize) -> usize {
+    pub fn applications_until_check(&self, most: usize) -> usize {
         match self.stop.is_some() && self.allowed && self.votes.is_some() {
             true => most.min(self.every - self.since),
             false => most,

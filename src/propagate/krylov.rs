@@ -37,10 +37,8 @@ use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShar
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
+use crate::propagate::tridiagonal::{DIMENSION, TridiagonalExponential};
 use num_complex::Complex64;
-
-/// Largest dimension `m` of the Krylov space.
-const DIMENSION: usize = 30;
 
 /// Number of pieces, of a step guaranteed beforehand, in which the residual is integrated.
 const PIECES: f64 = 32.0;
@@ -109,131 +107,6 @@ pub struct Krylov {
     series: Vec<f64>,
 }
 
-/// The exponential of `T_m` by its eigenvalues `θ_k` and -vectors `q_k`.
-struct TridiagonalExponential {
-    values: [f64; DIMENSION],
-    /// The eigenvectors `q_k`.
-    vectors: [[f64; DIMENSION]; DIMENSION],
-    /// The first column `y` of the exponential.
-    column: [Complex64; DIMENSION],
-    /// `q_{0k} q_{m−1,k} e^{−iθ_k s}` and `e^{−iθ_k δ}`.
-    terms: [Complex64; DIMENSION],
-    turns: [Complex64; DIMENSION],
-}
-
-impl TridiagonalExponential {
-    fn new() -> Self {
-        Self {
-            values: [0.0; DIMENSION],
-            vectors: [[0.0; DIMENSION]; DIMENSION],
-            column: [Complex64::ZERO; DIMENSION],
-            terms: [Complex64::ZERO; DIMENSION],
-            turns: [Complex64::ZERO; DIMENSION],
-        }
-    }
-
-    /// Finds the eigenvalues and -vectors of the tridiagonal matrix of dimension `m` with `(α_j,
-    /// β_j)` in `entry`; returns whether it converged. QL iteration with implicit shifts (Dubrulle,
-    /// Martin and Wilkinson 1968): unlike a general routine it allocates nothing.
-    fn decompose(&mut self, m: usize, entry: impl Fn(usize) -> (f64, f64)) -> bool {
-        const MOST_SWEEPS: usize = 100;
-        let (d, q) = (&mut self.values, &mut self.vectors);
-        let mut e = [0.0; DIMENSION];
-        for j in 0..m {
-            let (alpha, beta) = entry(j);
-            (d[j], e[j]) = (alpha, if j + 1 < m { beta } else { 0.0 });
-            q[j] = [0.0; DIMENSION];
-            q[j][j] = 1.0;
-        }
-        for l in 0..m {
-            for sweep in 0.. {
-                // The block that begins at l ends where a coupling is negligible.
-                let negligible =
-                    |j: &usize| e[*j].abs() <= f64::EPSILON * (d[*j].abs() + d[*j + 1].abs());
-                let end = (l..m - 1).find(negligible).unwrap_or(m - 1);
-                if end == l {
-                    break;
-                }
-                if sweep == MOST_SWEEPS || e[l].is_nan() {
-                    return false;
-                }
-                // Wilkinson's shift from the top of the block; rotations chase the bulge up from
-                // its bottom.
-                let half = 0.5 * (d[l + 1] - d[l]) / e[l];
-                let mut g = d[end] - d[l] + e[l] / (half + half.hypot(1.0).copysign(half));
-                let (mut s, mut c, mut shift) = (1.0, 1.0, 0.0);
-                let mut split = false;
-                for i in (l..end).rev() {
-                    let (f, b) = (s * e[i], c * e[i]);
-                    let r = g.hypot(f);
-                    e[i + 1] = r;
-                    if r == 0.0 {
-                        d[i + 1] -= shift;
-                        e[end] = 0.0;
-                        split = true;
-                        break;
-                    }
-                    (s, c) = (f / r, g / r);
-                    g = d[i + 1] - shift;
-                    let t = (d[i] - g) * s + 2.0 * c * b;
-                    shift = s * t;
-                    d[i + 1] = g + shift;
-                    g = c * t - b;
-                    let (lower, upper) = q.split_at_mut(i + 1);
-                    for (x, y) in lower[i][..m].iter_mut().zip(&mut upper[0][..m]) {
-                        (*x, *y) = (c * *x - s * *y, s * *x + c * *y);
-                    }
-                }
-                if !split {
-                    d[l] -= shift;
-                    e[l] = g;
-                    e[end] = 0.0;
-                }
-            }
-        }
-        true
-    }
-
-    /// The longest multiple of `piece`, at most about `most`, with `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤
-    /// slope · s`; and that integral.
-    fn follow(&mut self, m: usize, beta: f64, piece: f64, most: f64, slope: f64) -> (f64, f64) {
-        for k in 0..m {
-            let product = self.vectors[k][0] * self.vectors[k][m - 1];
-            self.terms[k] = product.into();
-            self.turns[k] = Complex64::new(0.0, -self.values[k] * piece).exp();
-        }
-        let entry = |terms: &[Complex64]| terms.iter().sum::<Complex64>().norm();
-        let (mut s, mut integral) = (0.0, 0.0);
-        let mut before = entry(&self.terms[..m]);
-        while s < most {
-            for (term, turn) in self.terms[..m].iter_mut().zip(&self.turns) {
-                *term *= turn;
-            }
-            let after = entry(&self.terms[..m]);
-            let next = integral + beta * piece * f64::max(before, after);
-            // NaN ends the loop, too.
-            if next.is_nan() || next > slope * (s + piece) {
-                break;
-            }
-            (s, integral, before) = (s + piece, next, after);
-        }
-        (s, integral)
-    }
-
-    /// `y = exp(−iTτ) e_0`.
-    fn exponential(&mut self, m: usize, tau: f64) -> &[Complex64] {
-        for k in 0..m {
-            let turn = Complex64::new(0.0, -self.values[k] * tau).exp();
-            self.terms[k] = self.vectors[k][0] * turn;
-        }
-        for j in 0..m {
-            let row = (0..m).map(|k| self.vectors[k][j] * self.terms[k]);
-            self.column[j] = row.sum();
-        }
-        &self.column[..m]
-    }
-}
-
 impl Krylov {
     /// Scratch for vectors of `matrix`; no step longer than `step`.
     pub fn new(matrix: &BlockMatrix, step: Option<f64>) -> Self {
@@ -265,7 +138,6 @@ impl Krylov {
         for (u, w) in self.basis[..rows].iter_mut().zip(&self.state) {
             *u = scaled(w, &inverse);
         }
-        let squares = sizes.map(|h| 4.0 * h * h);
         for j in 0..m {
             let (past, future) = self.basis.split_at_mut((j + 1) * self.length);
             let (past, x) = past.split_at_mut(j * self.length);
@@ -281,19 +153,7 @@ impl Krylov {
             let nothing: &[()] = &[];
             let exchange = &mut *system.exchange;
             system.matrix.step(exchange, constants, None, y, x, nothing);
-            // α = ⟨u, iy⟩.
-            let alpha = system.lane_sums(sizes, |i| {
-                let (Lanes(u), Lanes(y)) = (&x[i], &y[i]);
-                std::array::from_fn(|l| u[LANES + l] * y[l] - u[l] * y[LANES + l])
-            });
-            let square = system.lane_sums(&squares, |i| {
-                let (Lanes(u), Lanes(y)) = (&x[i], &mut y[i]);
-                std::array::from_fn(|l| {
-                    y[l] -= alpha[l] * u[LANES + l];
-                    y[LANES + l] += alpha[l] * u[l];
-                    y[l] * y[l] + y[LANES + l] * y[LANES + l]
-                })
-            });
+            let [alpha, square] = orthogonalise(system, x, y, sizes);
             let mut inverse = [0.0; LANES];
             for l in 0..LANES {
                 // An invariant Krylov space is exact: the rest of the recurrence is round-off.
@@ -367,8 +227,8 @@ impl Krylov {
     }
 
     /// `w ← Σ_j c_j u_j`.
-    fn combine(&mut self, coefficients: &[[f64; 2 * LANES]]) {
-        for (j, c) in coefficients.iter().enumerate() {
+    fn combine(&mut self, coefficients: &[Lanes]) {
+        for (j, Lanes(c)) in coefficients.iter().enumerate() {
             let u = &self.basis[j * self.length..];
             for (w, Lanes(u)) in self.state.iter_mut().zip(u) {
                 if j == 0 {
@@ -382,6 +242,29 @@ impl Krylov {
             }
         }
     }
+}
+
+/// Makes `y` orthogonal to `u = x`, the last vector of the basis. Returns `α = ⟨u, iy⟩` and then
+/// `‖y‖²` by lane, at most `sizes` and four times their squares. Collective over the space group.
+fn orthogonalise(
+    system: &Evolution<'_>,
+    x: &[Lanes],
+    y: &mut [Lanes],
+    sizes: &[f64; LANES],
+) -> [[f64; LANES]; 2] {
+    let alpha = system.lane_sums(sizes, |i| {
+        let (Lanes(u), Lanes(y)) = (&x[i], &y[i]);
+        std::array::from_fn(|l| u[LANES + l] * y[l] - u[l] * y[LANES + l])
+    });
+    let square = system.lane_sums(&sizes.map(|h| 4.0 * h * h), |i| {
+        let (Lanes(u), Lanes(y)) = (&x[i], &mut y[i]);
+        std::array::from_fn(|l| {
+            y[l] -= alpha[l] * u[LANES + l];
+            y[LANES + l] += alpha[l] * u[l];
+            y[l] * y[l] + y[LANES + l] * y[LANES + l]
+        })
+    });
+    [alpha, square]
 }
 
 /// A row times a factor for each lane.
@@ -409,30 +292,27 @@ impl Propagator for Krylov {
         };
         // ‖H − c‖, or 1 if the spectral interval is a point.
         let sizes = intervals.map(|i| if i.half_width > 0.0 { i.half_width } else { 1.0 });
-        for (i, w) in self.state.iter_mut().enumerate() {
-            *w = initial.state.row(i);
-        }
-        let largest = initial.norms.into_iter().fold(0.0, f64::max);
+        self.state.iter_mut().enumerate().for_each(|(i, w)| *w = initial.state.row(i));
+        let any_is_nonzero = initial.norms.iter().any(|norm| *norm > 0.0);
         let mut left = [time; LANES];
-        while left.iter().any(|&t| t > 0.0) && largest > 0.0 {
+        while left.iter().any(|&t| t > 0.0) && any_is_nonzero {
             let (steps, m) = self.steps_by_bound(&intervals, batch, time, &left);
             let squares = initial.norms.map(|norm| 2.0 * norm * norm);
             let norms = system.lane_norms(&squares, &self.state);
             self.build(system, &mut constants, &norms, m, &sizes);
             report.applications += batch.modes * m;
 
-            let mut coefficients = [[0.0; 2 * LANES]; DIMENSION];
+            let mut coefficients = [Lanes::ZERO; DIMENSION];
             for l in 0..LANES {
                 let most = self.step.unwrap_or(time).min(left[l]);
                 let (tau, error) =
                     self.step_by_residual(l, m, steps[l], most, batch.tolerances[l], time);
                 report.tails[l] += error + f64::EPSILON;
                 left[l] -= tau;
+                // v_j = i^j u_j.
                 let mut power = Complex64::from(norms[l]);
                 for (c, y) in coefficients.iter_mut().zip(self.projected.exponential(m, tau)) {
-                    let value = power * y;
-                    (c[l], c[LANES + l]) = (value.re, value.im);
-                    // v_j = i^j u_j.
+                    c.set_lane(l, power * y);
                     power *= Complex64::I;
                 }
             }
@@ -511,38 +391,6 @@ mod tests {
                 assert!(m == 1 || bound_before(&mut scratch, m - 1, x) > allowed);
             }
         }
-    }
-
-    #[test]
-    fn tridiagonal_matrices_are_decomposed() {
-        let mut projected = TridiagonalExponential::new();
-        // An ordinary matrix; one decoupled in the middle and at the end; a multiple of the
-        // identity; a graded one.
-        let cases: [&dyn Fn(usize) -> (f64, f64); 4] = [
-            &|j| (((j * 7) % 5) as f64 - 2.0, 1.0 + 0.1 * j as f64),
-            &|j| (j as f64, if j % 4 == 2 || j > 7 { 0.0 } else { 0.5 }),
-            &|_| (3.0, 0.0),
-            &|j| (10f64.powi(-(j as i32)), 10f64.powi(-(j as i32))),
-        ];
-        for entry in cases {
-            for m in [1, 2, 3, 11, DIMENSION] {
-                assert!(projected.decompose(m, entry));
-                let (d, q) = (&projected.values, &projected.vectors);
-                for k in 0..m {
-                    for j in 0..m {
-                        let (alpha, beta) = entry(j);
-                        let left = if j > 0 { entry(j - 1).1 * q[k][j - 1] } else { 0.0 };
-                        let right = if j + 1 < m { beta * q[k][j + 1] } else { 0.0 };
-                        let residual = left + alpha * q[k][j] + right - d[k] * q[k][j];
-                        assert!(residual.abs() < 1e-13, "{m} {k} {j}: {residual:e}");
-                        let product: f64 = (0..m).map(|i| q[k][i] * q[j][i]).sum();
-                        let unit = f64::from(u8::from(j == k));
-                        assert!((product - unit).abs() < 1e-13);
-                    }
-                }
-            }
-        }
-        assert!(!projected.decompose(3, |_| (f64::NAN, f64::NAN)));
     }
 
     #[test]

@@ -30,6 +30,7 @@ use crate::parallel::partition::LocalIndex;
 use crate::problem::case::{Case, Limiter};
 use crate::problem::grid::PhaseSpace;
 use crate::scheme::rows::{Row, Scheme};
+use std::ops::Range;
 
 /// The longest step of forward Euler that keeps the maximum principle, times the largest rate:
 /// `1/(1 + ½ max ψ)`.
@@ -167,6 +168,15 @@ impl Reconstruction {
     }
 }
 
+/// The number of an unknown on this rank, ghosts behind the rows; `None` if it is not there.
+fn local_number(matrix: &BlockMatrix, global: usize) -> Option<u32> {
+    let number = match matrix.block.local(global)? {
+        LocalIndex::Own(cell) => cell,
+        LocalIndex::Ghost(ghost) => matrix.rows() + ghost,
+    };
+    Some(number as u32)
+}
+
 impl LimitedTransport {
     fn new(
         space: &PhaseSpace,
@@ -177,12 +187,8 @@ impl LimitedTransport {
         row: &mut Row,
     ) -> Self {
         let block = &matrix.block;
-        let (nv, rows) = (block.velocity_cells, matrix.rows());
-        let local = |global: usize| match block.local(global) {
-            Some(LocalIndex::Own(i)) => Some(i as u32),
-            Some(LocalIndex::Ghost(g)) => Some((rows + g) as u32),
-            None => None,
-        };
+        let nv = block.velocity_cells;
+        let local = |global: usize| local_number(matrix, global);
         let mut this = Self {
             // A periodic axis of one cell has no slope and needs no correction.
             speed: (0..nv)
@@ -211,15 +217,11 @@ impl LimitedTransport {
                     if speed != 0.0 {
                         scheme.neighbour(row, &space.cell(first + v), axis, above);
                     }
-                    let shares = row.entries.iter().filter_map(|&(column, weight)| {
-                        let same = column / nv == first / nv;
-                        Some(SourceShare { column: local(column)?, same, weight })
-                    });
                     // For particles that leave the grid through this face, the value behind it is
                     // not the inflow.
                     let leaves = (speed > 0.0) == above;
                     let known = speed != 0.0 && !(leaves && row.draw > 0.0);
-                    this.add_face(shares, known, row.draw, row.inflow[field]);
+                    this.add_face(row, field, known, first..first + nv, &local);
                 }
             }
             this.beyond.push(beyond);
@@ -227,18 +229,28 @@ impl LimitedTransport {
         this
     }
 
-    /// Adds the face of the next velocity cell, with its `shares` of cells and of the inflow.
+    /// Adds the face of the next velocity cell, with its shares of cells and of the inflow of
+    /// `field`, which are in `row`. The unknowns of the same space cell are `own`. The number of an
+    /// unknown on this rank is `local`.
     fn add_face(
         &mut self,
-        shares: impl Iterator<Item = SourceShare>,
+        row: &Row,
+        field: usize,
         known: bool,
-        outside: f64,
-        entering: f64,
+        own: Range<usize>,
+        local: &impl Fn(usize) -> Option<u32>,
     ) {
         let first = self.shares.len();
-        self.shares.extend(shares);
-        let count = (self.shares.len() - first) as u32;
-        self.faces.push(LimitedFace { first: first as u32, count, outside, entering, known });
+        self.shares.extend(row.entries.iter().filter_map(|&(column, weight)| {
+            Some(SourceShare { column: local(column)?, same: own.contains(&column), weight })
+        }));
+        self.faces.push(LimitedFace {
+            first: first as u32,
+            count: (self.shares.len() - first) as u32,
+            outside: row.draw,
+            entering: row.inflow[field],
+            known,
+        });
     }
 
     fn shares(&self, face: &LimitedFace) -> &[SourceShare] {

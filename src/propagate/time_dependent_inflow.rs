@@ -30,13 +30,16 @@ use crate::matrix::bounds::INFLOW_GROWTH;
 use crate::matrix::inflow::AuxiliaryRow;
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::problem::case::{Case, Embedding};
-use crate::problem::grid::{PhaseSpace, describe_point};
+use crate::problem::grid::describe_point;
 use crate::propagate::classical::{Classical, ClassicalSpan};
+use std::ops::Range;
 
 /// The part of the tolerance that the time steps may take.
 pub const TIME_SHARE: f64 = 0.2;
-/// Steps of the first run, and most steps.
-const STEPS: (usize, usize) = (8, 1 << 13);
+/// Steps of the first run.
+const FEWEST_STEPS: usize = 8;
+/// Most steps.
+const MOST_STEPS: usize = 1 << 13;
 /// Smallest tolerance: the round-off of some thousand stages stays well below its share.
 const SMALLEST: f64 = 2e-12;
 /// Number of times at which the inflow is sampled before the steps are chosen.
@@ -68,7 +71,7 @@ pub struct Schedule {
     /// The auxiliary unknowns, in weighted unknowns.
     pub unknowns: Vec<f64>,
     /// Growth that the inflow adds for elements with one unknown for all rows.
-    pub summed_growth: f64,
+    pub common_growth: f64,
     /// Relative l2 error of the field from the steps.
     pub error: f64,
     /// Norm `‖f(T)‖` of the field at the end.
@@ -131,6 +134,11 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
     matrix.entering.sums(square).collect()
 }
 
+/// The time of sample `k` of the inflow, from 0 to [`SAMPLES`].
+fn sample_time(case: &Case, k: usize) -> f64 {
+    case.begin + case.duration() * k as f64 / SAMPLES as f64
+}
+
 /// Samples the inflow over the whole run; returns the largest `|b_i|` on this rank.
 ///
 /// # Errors
@@ -139,7 +147,7 @@ pub fn largest_inflow(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
     let field = &case.fields[0];
     let mut largest: f64 = 0.0;
     for k in 0..=SAMPLES {
-        let time = case.begin + case.duration() * k as f64 / SAMPLES as f64;
+        let time = sample_time(case, k);
         for (m, value) in matrix.entering.values(field, time).enumerate() {
             if !value.is_finite() {
                 let (value, point) = matrix.entering.not_finite(field, m, time);
@@ -161,10 +169,9 @@ fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
     let change = |a: &[f64], b: &[f64]| {
         a.iter().zip(b).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
     };
-    let sample = |k: usize| case.begin + case.duration() * k as f64 / SAMPLES as f64;
     let (mut largest, mut place, mut last) = (0.0, 0, at(case.begin));
     for k in 1..=SAMPLES {
-        let next = at(sample(k));
+        let next = at(sample_time(case, k));
         let found = change(&last, &next);
         if found > largest {
             (largest, place) = (found, k);
@@ -174,7 +181,7 @@ fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
     if place == 0 {
         return false;
     }
-    let (mut low, mut high) = (sample(place - 1), sample(place));
+    let (mut low, mut high) = (sample_time(case, place - 1), sample_time(case, place));
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
         let between = at(middle);
@@ -184,21 +191,6 @@ fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
         }
     }
     change(&at(low), &at(high)) > 0.5 * largest
-}
-
-/// `‖f‖` of the weighted values `f(row)` on the block's cells, without the weights. Collective over
-/// the space group.
-fn norm(
-    communicator: &Communicator,
-    space: &PhaseSpace,
-    matrix: &BlockMatrix,
-    f: impl Fn(usize) -> f64,
-) -> f64 {
-    let nv = matrix.block.velocity_cells;
-    let square = |c: usize| [(c * nv..(c + 1) * nv).map(|i| f(i) * f(i)).sum::<f64>()];
-    let points = 0..matrix.block.cells() / nv;
-    let [sum] = (communicator.space).sum_lanes(space.space_cells(), points.map(square));
-    sum.sqrt()
 }
 
 /// Refuses a number of steps whose couplings, in this run and the one before, do not fit into
@@ -247,9 +239,34 @@ struct StepSearch<'a> {
     start: &'a WeightedField<'a>,
     /// `√π` of the rows with inflow.
     roots: Vec<f64>,
+    /// Whether the inflow jumps in time.
+    jumps: bool,
+}
+
+/// The run with the more steps of two, and its error.
+struct FinerRun<'a> {
+    state: &'a [f64],
+    norm: f64,
+    error: f64,
+    /// Whether the error follows from three runs.
+    order_is_seen: bool,
 }
 
 impl StepSearch<'_> {
+    /// The schedule of `steps` steps, which leave `error`, before its couplings are known.
+    fn accepted(&self, steps: usize, error: f64, finer: &FinerRun<'_>) -> Schedule {
+        Schedule {
+            steps,
+            error,
+            norm: finer.norm,
+            reference: finer.state[..self.matrix.block.cells()].to_vec(),
+            reference_error: finer.error,
+            order_is_seen: finer.order_is_seen,
+            jumps: self.jumps,
+            ..Schedule::default()
+        }
+    }
+
     /// The run of `steps` steps. Collective.
     fn run(&self, exchange: &mut GhostExchange, steps: usize) -> Result<RealRun> {
         let world = &self.communicator.world;
@@ -269,14 +286,20 @@ impl StepSearch<'_> {
         Ok(RealRun { values, state })
     }
 
-    /// `‖f‖` of the weighted unknowns `f(row)`. Collective over the space group.
+    /// `‖f‖` of the weighted values `f(row)` on the cells, without the weights. Collective over the
+    /// space group.
     fn norm(&self, f: impl Fn(usize) -> f64) -> f64 {
+        let matrix = self.matrix;
         // For degrees above 0 the weights are volumes, which belong to the norm.
-        let unweighted = |i: usize| match self.matrix.by_elements {
+        let unweighted = |i: usize| match matrix.by_elements {
             true => f(i),
             false => f(i) / self.start.weights[i].sqrt(),
         };
-        norm(self.communicator, &self.case.space, self.matrix, unweighted)
+        let square = |rows: Range<usize>| [rows.map(|i| unweighted(i) * unweighted(i)).sum()];
+        let points = matrix.pieces().take(matrix.block.space_cells());
+        let count = self.case.space.space_cells();
+        let [sum]: [f64; 1] = self.communicator.space.sum_lanes(count, points.map(square));
+        sum.sqrt()
     }
 
     /// The growth by each row from one unknown for all rows, times `δ²`: `π b²/(2 g)`, for elements
@@ -348,15 +371,15 @@ pub fn schedule(
 ) -> Result<Schedule> {
     let largest = communicator.world.agree(largest_inflow(case, matrix))?;
     let largest = communicator.space.max(largest);
-    let jumps = communicator.space.max(f64::from(u8::from(jumps(case, matrix)))) > 0.0;
+    let jumps = communicator.space.any(jumps(case, matrix));
     refuse_small_tolerance(case)?;
     let roots = (matrix.inflow.iter()).map(|aux| start.weights[aux.row as usize].sqrt()).collect();
-    let search = StepSearch { case, matrix, communicator, start, roots };
+    let search = StepSearch { case, matrix, communicator, start, roots, jumps };
     let goal = TIME_SHARE * case.tolerance;
     // The run of half as many steps, and the distance of the last two runs.
-    let (mut coarse, mut last) = (search.run(exchange, STEPS.0)?, f64::NAN);
-    let mut steps = STEPS.0;
-    let (run, found) = loop {
+    let (mut coarse, mut last) = (search.run(exchange, FEWEST_STEPS)?, f64::NAN);
+    let mut steps = FEWEST_STEPS;
+    let (run, mut schedule) = loop {
         let fine = search.run(exchange, 2 * steps)?;
         let norm = search.norm(|i| fine.state[i]);
         let distance = match search.norm(|i| fine.state[i] - coarse.state[i]) {
@@ -368,29 +391,19 @@ pub fn schedule(
             if last.is_nan() || distance == 0.0 { 4.0 } else { (last / distance).clamp(1.5, 16.0) };
         last = distance;
         let error = distance / (ratio - 1.0);
-        let found = |steps, of_steps, end: &RealRun| Schedule {
-            steps,
-            error: of_steps,
-            norm,
-            reference: end.state[..matrix.block.cells()].to_vec(),
-            reference_error: error,
-            order_is_seen,
-            jumps,
-            ..Schedule::default()
-        };
+        let finer = FinerRun { state: &fine.state, norm, error, order_is_seen };
         if error * ratio <= goal && search.resolves_inflow(&coarse, largest) {
-            break (coarse, found(steps, error * ratio, &fine));
+            break (coarse, search.accepted(steps, error * ratio, &finer));
         }
         if error <= goal && search.resolves_inflow(&fine, largest) {
-            let found = found(2 * steps, error, &fine);
-            break (fine, found);
+            let schedule = search.accepted(2 * steps, error, &finer);
+            break (fine, schedule);
         }
-        if 2 * steps >= STEPS.1 || error.is_nan() {
+        if 2 * steps >= MOST_STEPS || error.is_nan() {
             return Err(varies_too_fast(case, 2 * steps, error, goal));
         }
         (coarse, steps) = (fine, 2 * steps);
     };
-    let mut schedule = found;
     schedule.couple(&search, run.values, largest);
     Ok(schedule)
 }
@@ -415,7 +428,7 @@ impl Schedule {
             let terms = search.halved_strengths(&most, self.steps).into_iter().map(|term| [term]);
             let [sum] = space.sum_lanes(space.sum_count(rows), terms);
             let delta = given.unwrap_or((sum / allowed).sqrt());
-            self.summed_growth = if delta > 0.0 { sum / (delta * delta) } else { 0.0 };
+            self.common_growth = if delta > 0.0 { sum / (delta * delta) } else { 0.0 };
             self.unknowns = vec![delta];
             vec![delta; rows]
         } else {
@@ -429,10 +442,9 @@ impl Schedule {
             deltas
         };
         let coupling = |m: usize, b: f64| match (deltas[m] > 0.0, scalar) {
+            (false, _) => 0.0,
             (true, true) => b * (roots[m] / deltas[m]),
             (true, false) => b / deltas[m],
-            (false, true) => b * 0.0,
-            (false, false) => 0.0,
         };
         self.couplings = values;
         for stage in self.couplings.chunks_mut(rows.max(1)) {

@@ -179,19 +179,6 @@ impl<'a> SparseAccess<'a> {
         found.map_or(0.0, |place| row.entries[place].1)
     }
 
-    /// `|H_jk⟩_m`: the real and imaginary part of [`value`](Self::value) as whole numbers of
-    /// [`unit`](Self::unit)s, rounded to the nearest. Each has `m` bits, one of them the sign, with
-    /// `m` from 2 to 52.
-    pub fn value_bits(&self, scratch: &mut Scratch, j: usize, k: usize, m: u32) -> [i64; 2] {
-        let value = self.value(scratch, j, k);
-        [value.re, value.im].map(|x| (x / self.unit(m)).round() as i64)
-    }
-
-    /// The unit of `m`-bit values, the weight of their last bit: `‖H‖_max/(2^{m−1} − 1)`.
-    pub fn unit(&self, m: u32) -> f64 {
-        self.largest / ((1i64 << (m - 1)) - 1) as f64
-    }
-
     /// `√(π_i/π_j)` for cells.
     fn ratio(&self, i: usize, j: usize) -> f64 {
         (self.pi[i] / self.pi[j]).sqrt()
@@ -305,7 +292,7 @@ impl LargestEntries {
         let mut all = vec![[0.0; 2]; room * space.size()];
         all[room * space.rank()..][..own.len()].copy_from_slice(&own);
         space.max_into(all.as_flattened_mut());
-        Self::new(all, space.max_count(extremes(matrix, 0.0).1))
+        Self::new(all, fullest_row(matrix, space))
     }
 
     /// The entries of a grid whose entries are `factor` times as large, with `nonzeros` nonzeros in
@@ -337,12 +324,22 @@ fn keep_outermost(pairs: &mut Vec<[f64; 2]>) {
 pub fn extremes(matrix: &BlockMatrix, highest: f64) -> (f64, usize) {
     let (mut largest, mut fullest) = (0.0f64, 0);
     for i in 0..matrix.counted_rows() {
-        let mut count = 0;
-        for (_, s, k) in matrix.row(i) {
-            largest = largest.max((highest * s).hypot(k));
-            count += usize::from(s != 0.0 || k != 0.0);
-        }
-        fullest = fullest.max(count);
+        largest = matrix.row(i).fold(largest, |most, (_, s, k)| most.max((highest * s).hypot(k)));
+        fullest = fullest.max(nonzeros(matrix, i));
     }
     (largest, fullest)
+}
+
+/// Nonzeros of the fullest row over the ranks of `space`. The row of a common auxiliary unknown is
+/// that of all ranks together. Collective.
+fn fullest_row(matrix: &BlockMatrix, space: &Group) -> usize {
+    let common = matrix.shared_row();
+    let own = 0..common.unwrap_or(matrix.rows());
+    let fullest = space.max_count(own.map(|i| nonzeros(matrix, i)).max().unwrap_or(0));
+    common.map_or(fullest, |row| fullest.max(space.sum_count(nonzeros(matrix, row))))
+}
+
+/// Nonzeros of a row.
+fn nonzeros(matrix: &BlockMatrix, row: usize) -> usize {
+    matrix.row(row).filter(|&(_, s, k)| s != 0.0 || k != 0.0).count()
 }

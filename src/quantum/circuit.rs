@@ -108,6 +108,22 @@ fn circuit_modes(case: &Case, counts: &ResourceCounts, choice: &CircuitChoice) -
     }
 }
 
+/// The tolerance of the walk. The unitary scheme's one mode is the field, whatever the profile.
+fn walk_tolerance(case: &Case, counts: &ResourceCounts) -> LabelledNumber {
+    match case.flux {
+        0.0 => LabelledNumber::exact(case.tolerance),
+        _ => counts.walk_tolerance.clone(),
+    }
+}
+
+/// The highest wavenumber of the modes of a circuit; `None` for those of a register.
+fn highest_mode(modes: CircuitModes) -> Option<f64> {
+    match modes {
+        CircuitModes::One(mu) | CircuitModes::Rotated { highest: mu, .. } => Some(mu),
+        CircuitModes::Register { .. } => None,
+    }
+}
+
 impl CompiledCircuit {
     /// Compiles the circuit of a case whose whole grid is on this rank. `counts` has the cost of
     /// sparse access.
@@ -126,24 +142,16 @@ impl CompiledCircuit {
         let (time, levels) = (case.duration(), choice.levels);
         let alpha = transport.alpha(modes, levels);
         let circuit = transport.encode(modes, levels, false);
-        let tau = alpha * time;
         let controlled = transport.encode(modes, levels, true).counts();
-        // The unitary scheme's one mode is the field, whatever the profile.
-        let walk_tolerance = match case.flux {
-            0.0 => LabelledNumber::exact(case.tolerance),
-            _ => counts.walk_tolerance.clone(),
-        };
+        let walk_tolerance = walk_tolerance(case, counts);
         let tolerance = walk_tolerance.value().unwrap_or(case.tolerance);
-        let (highest, alpha_of_highest) = match modes {
-            CircuitModes::One(mu) | CircuitModes::Rotated { highest: mu, .. } => (mu, None),
-            CircuitModes::Register { .. } => {
-                let highest = counts.setup.highest_wavenumber;
-                (highest, Some(transport.alpha(CircuitModes::One(highest), levels)))
-            }
-        };
+        let of_register = counts.setup.highest_wavenumber;
+        let highest = highest_mode(modes).unwrap_or(of_register);
+        let alpha_of_highest = (highest_mode(modes).is_none())
+            .then(|| transport.alpha(CircuitModes::One(of_register), levels));
         let (largest_entry, nonzeros) = extremes(&system.matrix, highest.abs());
-        let evolution = EvolutionDescription::new(tau, tolerance, &controlled);
-        let phases = Phases::new(tau, evolution.steps / 2);
+        let evolution = EvolutionDescription::new(alpha * time, tolerance, &controlled);
+        let phases = Phases::new(alpha * time, evolution.steps / 2);
         let mut compiled = Self {
             description: CircuitDescription {
                 title: case.title.clone(),
@@ -174,6 +182,24 @@ impl CompiledCircuit {
         Ok(compiled)
     }
 
+    /// Refuses a check that takes too many terms or qubits.
+    ///
+    /// # Errors
+    /// [`Error::Input`].
+    fn refuse_large_check(&self) -> Result<()> {
+        let of_block = self.circuit.registers.iter().filter(|r| r.role == RegisterRole::Block);
+        let spread: usize = of_block.map(|r| r.size).sum();
+        if spread > MOST_TERMS || self.circuit.qubits() > simulate::MOST_QUBITS {
+            return Err(Error::Input(format!(
+                "--check: 2^{spread} terms on {} qubits; at most 2^{MOST_TERMS} on {} are \
+                 simulated: a smaller grid, or --wavenumber, has fewer",
+                self.circuit.qubits(),
+                simulate::MOST_QUBITS
+            )));
+        }
+        Ok(())
+    }
+
     /// Simulates evenly spread columns of the block.
     fn check(&self, prepared: &Prepared, columns: usize) -> Result<Check> {
         let Prepared { case, system, .. } = prepared;
@@ -185,16 +211,7 @@ impl CompiledCircuit {
             }
             CircuitModes::One(mu) => (2, -TAU / mu),
         };
-        let of_block = self.circuit.registers.iter().filter(|r| r.role == RegisterRole::Block);
-        let spread: usize = of_block.map(|r| r.size).sum();
-        if spread > MOST_TERMS || self.circuit.qubits() > simulate::MOST_QUBITS {
-            return Err(Error::Input(format!(
-                "--check: 2^{spread} terms on {} qubits; at most 2^{MOST_TERMS} on {} are \
-                 simulated: a smaller grid, or --wavenumber, has fewer",
-                self.circuit.qubits(),
-                simulate::MOST_QUBITS
-            )));
-        }
+        self.refuse_large_check()?;
         let access = SparseAccess::new(case, system, points, period)?;
         let mut scratch = Scratch::default();
         let listed = if matches!(modes, CircuitModes::One(_)) { 1 } else { points };
@@ -210,17 +227,16 @@ impl CompiledCircuit {
             if !modes.carries(l) {
                 continue;
             }
-            let mut left: HashMap<usize, Complex64> = (0..access.sparsity())
+            // The column of a Hermitian matrix, from its row.
+            let found: Vec<usize> = (0..access.sparsity())
                 .map(|entry| access.location(&mut scratch, row, entry))
                 .filter(|&k| k < access.order())
-                .collect::<Vec<_>>()
-                .into_iter()
-                .map(|k| {
-                    // The column of a Hermitian matrix, from its row.
-                    let value = access.value(&mut scratch, row, k).conj();
-                    (place(k / points) * listed + l, value / self.description.alpha)
-                })
                 .collect();
+            let mut entry = |k: usize| {
+                let value = access.value(&mut scratch, row, k).conj();
+                (place(k / points) * listed + l, value / self.description.alpha)
+            };
+            let mut left: HashMap<usize, Complex64> = found.into_iter().map(&mut entry).collect();
             for (state, value) in block_column(&self.circuit, place(cell) * listed + l) {
                 let expected = left.remove(&state).unwrap_or_default();
                 difference = difference.max((value - expected).norm());

@@ -32,7 +32,7 @@ mod reading;
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
-use crate::matrix::lanes::{LANES, Lanes};
+use crate::matrix::lanes::LANES;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Interface};
@@ -187,6 +187,26 @@ fn nonzero_norm(initial: &[Complex64], name: &str) -> Result<f64> {
     }
 }
 
+/// The states at the points in `p` of the modes of each unknown.
+fn states_of(modes: &[Complex64], points: usize) -> Vec<Complex64> {
+    modes.chunks_exact(points).flat_map(transformed).collect()
+}
+
+/// The text of the circuit that prepares `profile` and `state`, filled up with zeros to `unknowns`;
+/// or why there is none.
+fn preparation(
+    profile: std::result::Result<Vec<f64>, String>,
+    state: &[f64],
+    unknowns: usize,
+) -> (Option<String>, Option<String>) {
+    let mut state = state.to_vec();
+    state.resize(unknowns, 0.0);
+    match profile {
+        Ok(profile) => (Some(qasm(&circuit::preparation(&profile, &state), None)), None),
+        Err(why) => (None, Some(why)),
+    }
+}
+
 impl Export {
     /// The export of a case whose whole grid is on this rank. `estimate` is the number of qubits of
     /// amplitude estimation, if a complete circuit is requested.
@@ -201,47 +221,35 @@ impl Export {
         let (cells, rows) = (case.space.cells(), system.matrix.rows());
         let registers = CircuitRegisters::new(case, grid.points, rows)?;
         let unknowns = cells << registers.label;
-
         let start = amplitudes(&warp.series, grid.points, grid.lower);
         let initial = initial_modes(&start, &system.states[0][..rows], unknowns);
         let norm_of_state = nonzero_norm(&initial, &case.name)?;
         let evolution = ModeEvolution { case, bounds, series: &warp.series, start: &start };
         let mut modes = [initial, evolution.run(system, communicator)?];
         modes[1].resize(unknowns * grid.points, Complex64::ZERO);
-        for state in &mut modes {
-            state.iter_mut().for_each(|w| *w /= norm_of_state);
-        }
-        let states = [0, 1].map(|k| {
-            let lines = modes[k].chunks_exact(grid.points);
-            lines.flat_map(transformed).collect::<Vec<Complex64>>()
-        });
+        modes.iter_mut().flatten().for_each(|w| *w /= norm_of_state);
+        let states = modes.each_ref().map(|modes| states_of(modes, grid.points));
 
         let pi = &system.weights.pi[..cells];
         let reading = MeasuredField::new(&states[1], &grid, pi, norm_of_state);
         let profile = profile(&start);
-        let complete = estimate
-            .map(|estimate| {
-                let series = &warp.series;
-                CompleteCircuit::new(&CompleteCircuitInput {
-                    case,
-                    registers: &registers,
-                    grid: &grid,
-                    reading: &reading,
-                    highest: series.wavenumber(series.modes() - 1),
-                    norm_of_state,
-                    profile: profile.clone(),
-                    start: &system.states[0][..cells],
-                    end: &states[1],
-                    estimate,
-                })
+        let complete = estimate.map(|estimate| {
+            CompleteCircuit::new(&CompleteCircuitInput {
+                case,
+                registers: &registers,
+                grid: &grid,
+                reading: &reading,
+                highest: warp.series.wavenumber(warp.series.modes() - 1),
+                norm_of_state,
+                profile: profile.clone(),
+                start: &system.states[0][..cells],
+                end: &states[1],
+                estimate,
             })
-            .transpose()?;
-        let mut start = system.states[0][..rows].to_vec();
-        start.resize(unknowns, 0.0);
-        let (preparation, refused) = match profile {
-            Ok(profile) => (Some(qasm(&circuit::preparation(&profile, &start), None)), None),
-            Err(why) => (None, Some(why)),
-        };
+        });
+        let complete = complete.transpose()?;
+        let start = &system.states[0][..rows];
+        let (preparation, refused) = preparation(profile, start, unknowns);
         Ok(Self {
             description: ExportDescription::new(
                 case, &registers, &grid, &reading, norm_of_state, refused,
@@ -387,7 +395,7 @@ impl ModeEvolution<'_> {
         let works: Vec<usize> = (0..modes).map(&mut work).collect();
         let most = works.iter().copied().max().unwrap_or(0);
         let mut propagator = Chebyshev::new(&problem.matrix, most, most);
-        let norm = problem.norm(communicator, &problem.states[0], false);
+        let norm = problem.norm(communicator, &problem.states[0]);
         let initial = InitialState::real(&problem.states[0][..rows], norm);
         let mut system = Evolution {
             matrix: &problem.matrix,
@@ -395,7 +403,7 @@ impl ModeEvolution<'_> {
             space: &communicator.space,
             bounds,
             time: case.duration(),
-            terms: problem.terms,
+            norm_terms: problem.norm_terms,
             interruption: Interruption::default(),
         };
         for first in (0..modes).step_by(LANES) {
@@ -410,8 +418,8 @@ impl ModeEvolution<'_> {
             let report = propagator.propagate(&mut system, &spec, &initial)?;
             for lane in 0..used {
                 let l = mode(lane);
-                for (i, Lanes(x)) in propagator.state()[..rows].iter().enumerate() {
-                    let w = report.phases[lane] * Complex64::new(x[lane], x[LANES + lane]);
+                for (i, row) in propagator.state()[..rows].iter().enumerate() {
+                    let w = report.phases[lane] * row.lane(lane);
                     let line = &mut evolved[i * points..(i + 1) * points];
                     // Without the mode −N_p/2, which has no partner.
                     if points / 2 + l < points {

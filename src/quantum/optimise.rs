@@ -134,18 +134,19 @@ impl ProfileFamily {
     }
 
     /// The candidates of the family: each of these values, read at each of these recovery points.
-    fn candidates(&self, values: &[f64], further: &[Option<f64>]) -> Vec<ProfileCandidate> {
-        let of = |value, further| ProfileCandidate { profile: (self.of)(value), further, value };
-        values.iter().flat_map(|&v| further.iter().map(move |&f| of(v, f))).collect()
+    fn candidates(&self, values: &[f64], beyond_edge: &[Option<f64>]) -> Vec<ProfileCandidate> {
+        let of =
+            |value, beyond_edge| ProfileCandidate { profile: (self.of)(value), beyond_edge, value };
+        values.iter().flat_map(|&v| beyond_edge.iter().map(move |&f| of(v, f))).collect()
     }
 
     /// The whole grid of the family.
     fn coarse<'a>(&self, system: &'a System<'a>) -> PricedGrid<'a> {
-        let further: Vec<_> = match self.free_point {
+        let beyond_edge: Vec<_> = match self.free_point {
             true => (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect(),
             false => vec![None],
         };
-        PricedGrid::new(system, self.candidates(&self.values, &further))
+        PricedGrid::new(system, self.candidates(&self.values, &beyond_edge))
     }
 
     /// The cheapest on ever finer grids about `found`.
@@ -159,20 +160,20 @@ impl ProfileFamily {
         let offsets = || (-STEPS..=STEPS).map(f64::from);
         for zoom in 1..=ZOOMS {
             let width = f64::from(STEPS).powi(-zoom);
-            let ProfileCandidate { value, further, .. } = found.candidate;
+            let ProfileCandidate { value, beyond_edge, .. } = found.candidate;
             let values: Vec<f64> = match self.continuous {
                 true => {
                     offsets().map(|i| (value * ratio.powf(i * width)).clamp(least, most)).collect()
                 }
                 false => vec![value],
             };
-            let further: Vec<_> = match further {
+            let beyond_edge: Vec<_> = match beyond_edge {
                 Some(point) => offsets()
                     .map(|i| Some((point + 0.25 * FURTHEST * i * width).clamp(0.0, FURTHEST)))
                     .collect(),
                 None => vec![None],
             };
-            let mut next = self.candidates(&values, &further);
+            let mut next = self.candidates(&values, &beyond_edge);
             next.retain(|candidate| *candidate != found.candidate);
             let next = PricedGrid::new(system, next).cheapest(1, found.least_cost());
             found = next.into_iter().fold(found, CostedChoice::cheaper);
@@ -195,7 +196,7 @@ impl ProfileFamily {
         let own = found.candidate.value;
         let value = |k: i32| (own * STEP.powi(k)).clamp(least, most);
         let values: Vec<f64> = (-VALUES..=VALUES).filter(|&k| k != 0).map(value).collect();
-        let line = self.candidates(&values, &[found.candidate.further]);
+        let line = self.candidates(&values, &[found.candidate.beyond_edge]);
         let next = PricedGrid::new(system, line).cheapest(1, found.least_cost());
         next.into_iter().fold(found, CostedChoice::cheaper)
     }

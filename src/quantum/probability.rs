@@ -88,7 +88,7 @@ pub struct Probabilities {
 pub fn square_sum(series: &Series) -> f64 {
     (0..series.modes())
         .map(|l| {
-            let partners = if series.is_alone(l) { 1.0 } else { 2.0 };
+            let partners = if series.is_unpaired(l) { 1.0 } else { 2.0 };
             partners * series.coefficients[l].norm_sqr()
         })
         .sum()

@@ -369,65 +369,99 @@ impl ResourceCounts {
     ) -> Result<Self> {
         let Prepared { case, bounds, system, communicator, .. } = prepared;
         let accesses = accesses(prepared, norms.start / norms.weighted, synthesis);
-        let space = &communicator.space;
-        let sparsity = sparsity::measure(case, &system.matrix, space)?;
-        let (time, tolerance) = (case.duration(), case.tolerance);
+        let sparsity = sparsity::measure(case, &system.matrix, &communicator.space)?;
         let state = state.in_register();
-        let PlannedMeasurement { probabilities, requirements } =
-            state.measurement(norms, tolerance);
-        let EvolutionRequirements { highest, points, period, .. } = requirements;
-        let largest = accesses.largest_entry(highest);
-        let d = sparsity.of_hamiltonian() as f64;
-        let exact = LabelledNumber::exact;
-        let fine = requirements.tolerance.clone();
-        let error_budget =
-            ErrorBudget::new(points, state.field_tolerance / tolerance, probabilities.window_error);
-        let tau = exact(d * largest * time);
-        let evolution = WalkCost::new(&tau, &fine);
-        let bits = evolution.bits.or_zero();
-        let unknowns = system.terms - case.space.space_cells() + case.space.cells();
-        let qubits = RegisterSizes::new(case, unknowns, points, bits);
-        let operations = sparsity.entries as f64 * (bounds.rate * time).ceil().max(1.0);
-        let queries = OracleQueries::new(&evolution, &probabilities.evolutions());
-        let weights_table = bounds.weighted.then(|| {
-            let (cells, each) = (case.space.cells(), &queries.value_queries);
-            WeightsTable::new(cells, each, system.weights.sweeps, &sparsity)
-        });
+        let measurement = state.measurement(norms, case.tolerance);
+        let walk = PlannedWalk::new(prepared, &accesses, &sparsity, &measurement);
+        let PlannedMeasurement { probabilities, requirements } = measurement;
         let by_access = AccessCosts::new(&accesses, &requirements, &probabilities.evolutions());
-        let costs = &by_access.costs;
+        let operations = sparsity.entries as f64 * (bounds.rate * case.duration()).ceil().max(1.0);
+        let others = walk.qubits.total - walk.qubits.p;
         Ok(Self {
+            weights_table: walk.weights_table(prepared, &sparsity),
+            error_budget: walk.error_budget(&state, case.tolerance, &probabilities),
             title: case.title.clone(),
             shape: case.space.shape(),
-            unknowns,
-            time,
-            tolerance,
+            unknowns: walk.unknowns,
+            time: case.duration(),
+            tolerance: case.tolerance,
             interface: case.interface,
             weighted: bounds.weighted,
             setup: CountSetup::new(case, state),
-            points,
-            period,
-            walk_tolerance: fine,
-            error_budget,
-            nonzeros: exact(d),
-            largest_entry: exact(largest),
-            tau,
-            degree: evolution.degree,
-            walk_steps: evolution.steps,
-            value_bits: evolution.bits,
-            gates_factor: qubits.gates_factor(bits),
-            transform_gates: qubits.transform_gates(),
-            mode_weights: ModeWeightsCost::of(costs),
-            around: GatesAround::new(costs, &probabilities, qubits.total - qubits.p),
+            points: walk.points,
+            period: requirements.period,
+            walk_tolerance: requirements.tolerance,
+            nonzeros: LabelledNumber::exact(walk.nonzeros),
+            largest_entry: LabelledNumber::exact(walk.largest_entry),
+            tau: walk.tau,
+            gates_factor: walk.qubits.gates_factor(walk.evolution.bits.or_zero()),
+            degree: walk.evolution.degree,
+            walk_steps: walk.evolution.steps,
+            value_bits: walk.evolution.bits,
+            transform_gates: walk.qubits.transform_gates(),
+            mode_weights: ModeWeightsCost::of(&by_access.costs),
+            around: GatesAround::new(&by_access.costs, &probabilities, others),
             by_access,
-            weights_table,
-            qubits,
-            classical_operations: exact(operations),
-            queries,
+            qubits: walk.qubits,
+            classical_operations: LabelledNumber::exact(operations),
+            queries: walk.queries,
             probabilities,
             measure_valued: smooth_delta(case).map(|keys| format!("{MEASURE_VALUED}: {keys}")),
             regimes: [1.0, 0.5].map(|order| Regime::new(case, &sparsity, order)).to_vec(),
             sparsity,
         })
+    }
+}
+
+/// The walk of the evolution of a case, with the registers and the queries that it takes.
+struct PlannedWalk {
+    /// `d`.
+    nonzeros: f64,
+    /// `‖H‖_max`.
+    largest_entry: f64,
+    tau: LabelledNumber,
+    evolution: WalkCost,
+    points: usize,
+    unknowns: usize,
+    qubits: RegisterSizes,
+    queries: OracleQueries,
+}
+
+impl PlannedWalk {
+    fn new(
+        prepared: &Prepared,
+        accesses: &Accesses,
+        sparsity: &Sparsity,
+        measurement: &PlannedMeasurement,
+    ) -> Self {
+        let (case, system) = (&prepared.case, &prepared.system);
+        let PlannedMeasurement { probabilities, requirements } = measurement;
+        let largest_entry = accesses.largest_entry(requirements.highest);
+        let nonzeros = sparsity.of_hamiltonian() as f64;
+        let tau = LabelledNumber::exact(nonzeros * largest_entry * case.duration());
+        let evolution = WalkCost::new(&tau, &requirements.tolerance);
+        let (points, bits) = (requirements.points, evolution.bits.or_zero());
+        let unknowns = system.norm_terms - case.space.space_cells() + case.space.cells();
+        let qubits = RegisterSizes::new(case, unknowns, points, bits);
+        let queries = OracleQueries::new(&evolution, &probabilities.evolutions());
+        Self { nonzeros, largest_entry, tau, evolution, points, unknowns, qubits, queries }
+    }
+
+    fn weights_table(&self, prepared: &Prepared, sparsity: &Sparsity) -> Option<WeightsTable> {
+        prepared.bounds.weighted.then(|| {
+            let (cells, each) = (prepared.case.space.cells(), &self.queries.value_queries);
+            WeightsTable::new(cells, each, prepared.system.weights.sweeps, sparsity)
+        })
+    }
+
+    fn error_budget(
+        &self,
+        state: &PlannedState,
+        tolerance: f64,
+        probabilities: &Probabilities,
+    ) -> ErrorBudget {
+        let of_state = state.field_tolerance / tolerance;
+        ErrorBudget::new(self.points, of_state, probabilities.window_error)
     }
 }
 

@@ -162,7 +162,7 @@ struct NonzeroParts {
     /// The fullest row of each part.
     rows: Vec<FullestLine>,
     /// Nonzeros of each column, by part, then by cell of the block.
-    columns: Vec<Vec<u16>>,
+    columns: Vec<Vec<u32>>,
     /// Global numbers of the cells of the block.
     globals: Vec<usize>,
     /// Nonzeros of `A`.
@@ -239,7 +239,7 @@ impl NonzeroParts {
         let n = self.dimension;
         let mut fullest_column = FullestLine::NONE;
         for (&number, &global) in self.columns[part].iter().zip(&self.globals) {
-            fullest_column.see(usize::from(number), global);
+            fullest_column.see(number as usize, global);
         }
         let (name, [of_rows, of_columns]) = match part {
             part if part < n => (["A_x", "A_y", "A_z"][part], [Some(3), Some(q[part])]),

@@ -70,7 +70,7 @@ impl Checkpointing {
 
     /// Deletes the checkpoints of a finished run. On rank 0.
     pub fn remove(self, log: &RunLog) {
-        if let Err(error) = self.store.remove() {
+        if let Err(error) = remove_all(self.store.directory()) {
             let path = self.store.directory().display();
             log.line(&format!("warning: {path} could not be removed: {error}"));
         }

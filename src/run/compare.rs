@@ -91,7 +91,7 @@ fn state_norms(prepared: &Prepared, field: &[f64]) -> StateNorms {
     let [_, auxiliary] = system.norms_of_parts(communicator, start);
     let squares = |i: usize| [weight(i) * field[i], field[i]].map(|f| f * f);
     let [weighted, field] = volumes.sums(world, squares).map(f64::sqrt);
-    StateNorms { start: system.norm(communicator, start, false), weighted, field, auxiliary }
+    StateNorms { start: system.norm(communicator, start), weighted, field, auxiliary }
 }
 
 /// Puts the distance to the exact semi-discrete solution (`solver.verify`) into `summary`: the
@@ -161,7 +161,7 @@ pub(crate) fn continued(
     let origin = start.origin?;
     let volumes = volumes_of(prepared);
     let norms = FieldNorms::new(prepared, &volumes, f);
-    let before = system.norm(&prepared.communicator, &system.states[0], true);
+    let before = system.field_norm(&prepared.communicator, &system.states[0]);
     let ratio = before / norms.norm();
     let weights = &system.weights;
     let spread = if weights.are_volumes { 1.0 } else { weights.spread };
@@ -252,7 +252,7 @@ fn of_readings(
     let mut found: Option<(f64, f64)> = None;
     for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
         let norms = FieldNorms::new(prepared, &volumes, &readings[0]);
-        let ratio = system.norm(communicator, state, false) / norms.norm();
+        let ratio = system.norm(communicator, state) / norms.norm();
         if !ratio.is_finite() {
             continue;
         }

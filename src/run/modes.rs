@@ -74,7 +74,7 @@ pub(crate) fn by_modes(
         space: &communicator.space,
         bounds: &plan.bounds,
         time: case.duration(),
-        terms: system.terms,
+        norm_terms: system.norm_terms,
         interruption: Interruption::new(&communicator.space, rows, stop),
     };
     let size = RunSize { modes: warp.modes, stages };
@@ -149,7 +149,7 @@ impl ModeStart {
         };
         let norm = |state: &Vec<f64>| match &begun {
             Some(begun) => begun.largest_norm,
-            None => system.norm(communicator, state, false),
+            None => system.norm(communicator, state),
         };
         Ok(Self { norms: system.states.iter().map(norm).collect(), kept, begun })
     }

@@ -26,7 +26,7 @@ impl Summary {
         self.cells = plan.cells;
         self.reductions = plan.reductions.clone();
         self.distinct_rows = communicator.space.sum_count(system.matrix.distinct_rows());
-        self.inflow_unknowns = system.terms - case.space.space_cells();
+        self.inflow_unknowns = system.norm_terms - case.space.space_cells();
         self.modes = plan.warp.as_ref().map_or(0, |warp| warp.modes);
         self.points = plan.warp.as_ref().and_then(|warp| warp.points);
         self.tolerance = case.tolerance;

@@ -12,14 +12,31 @@ pub struct Row {
     pub inflow: [f64; MOST_FIELDS],
     /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
     pub draw: f64,
-    /// The ghost cells of the inflow, `(rate, ghost centre)`: `b_i(t) = Σ rate · value(ghost
-    /// centre, t)`.
-    pub ghosts: Vec<(f64, [f64; 6])>,
+    /// The sources of the inflow.
+    pub sources: Vec<InflowSource>,
     /// `g_i ≥ 0`: the row's inflow adds `−½ g_i x_i²` to `xᵀSx`. For degree 0 it equals `draw`.
     pub damping: f64,
     /// First place where an inflow formula was not finite.
-    pub(super) bad: Option<(usize, f64, [f64; 6])>,
+    pub(super) bad: Option<UndefinedInflow>,
     pub(super) scratch: Vec<FluxSource>,
+}
+
+/// A source of the inflow of a row: `b_i(t) = Σ rate · value(point, t)`.
+#[derive(Clone, Copy, Debug)]
+pub struct InflowSource {
+    /// The rate at which the row draws on it.
+    pub rate: f64,
+    /// The centre of the ghost cell, or the point at a face of an element.
+    pub point: [f64; 6],
+}
+
+/// A value of an inflow that is not finite.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct UndefinedInflow {
+    /// Number of the field.
+    pub field: usize,
+    pub value: f64,
+    pub point: [f64; 6],
 }
 
 /// Inflow of a row.
@@ -38,7 +55,7 @@ impl Row {
         self.inflow = [0.0; MOST_FIELDS];
         self.draw = 0.0;
         self.damping = 0.0;
-        self.ghosts.clear();
+        self.sources.clear();
     }
 
     /// Sorts by column and adds up entries of the same column.
@@ -59,13 +76,13 @@ impl Row {
         if fields.is_empty() {
             return;
         }
-        self.ghosts.push((rate, point));
-        for (f, field) in fields.iter().enumerate() {
-            let value = field.entering().at_point(&point, time);
+        self.sources.push(InflowSource { rate, point });
+        for (field, of) in fields.iter().enumerate() {
+            let value = of.entering().at_point(&point, time);
             if !value.is_finite() && self.bad.is_none() {
-                self.bad = Some((f, value, point));
+                self.bad = Some(UndefinedInflow { field, value, point });
             }
-            self.inflow[f] += rate * value;
+            self.inflow[field] += rate * value;
         }
     }
 }

@@ -21,8 +21,8 @@ use crate::problem::grid::{Cell, PhaseSpace, describe_point};
 use crate::problem::potential::Potential;
 use crate::scheme::galerkin::{Elements, LineTerms};
 use crate::scheme::interface::{Side, sources, velocity};
-use crate::scheme::row::InflowTerm;
 pub use crate::scheme::row::Row;
+use crate::scheme::row::{InflowTerm, UndefinedInflow};
 use std::ops::Range;
 
 /// The scheme on a part of the grid.
@@ -221,8 +221,8 @@ impl<'a> Scheme<'a> {
         InflowTerm { fields, time: self.case.begin }
     }
 
-    /// `Σ rate b²` over the ghosts of a row of the field with inflow; for degree 0, `b²/g` with the
-    /// whole `b`, which is at most that.
+    /// `Σ rate b²` over the sources of a row of the field with inflow; for degree 0, `b²/g` with
+    /// the whole `b`, which is at most that.
     pub fn inflow_strength(&self, row: &Row) -> f64 {
         if self.elements.is_none() {
             let b: f64 = row.inflow.iter().sum();
@@ -234,7 +234,7 @@ impl<'a> Scheme<'a> {
             let b: f64 = values.sum();
             b * b
         };
-        row.ghosts.iter().map(|(rate, point)| rate * square(point)).sum()
+        row.sources.iter().map(|source| source.rate * square(&source.point)).sum()
     }
 
     /// The error of a row whose inflow was not finite, if there was one among the rows computed
@@ -243,7 +243,7 @@ impl<'a> Scheme<'a> {
     /// # Errors
     /// [`Error::Formula`](crate::base::error::Error::Formula), naming the place.
     pub fn inflow_is_finite(&self, row: &Row) -> Result<()> {
-        let Some((field, value, point)) = row.bad else {
+        let Some(UndefinedInflow { field, value, point }) = row.bad else {
             return Ok(());
         };
         let point = describe_point(self.space.dimension(), &point);

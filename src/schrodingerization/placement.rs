@@ -13,9 +13,9 @@ use crate::schrodingerization::profile::constant::Constant;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::window::PLATEAU;
 use crate::schrodingerization::profile::{
-    Profile, ProfileForm, ProfileRequirements, ProfileShape, Window,
+    PlacedProfile, Profile, ProfileForm, ProfileRequirements, ProfileShape, Window,
 };
-use crate::schrodingerization::recovery::{Reading, shown};
+use crate::schrodingerization::recovery::{Reading, visible_error_parts};
 use std::f64::consts::PI;
 
 /// Distance in `p` of the second recovery point from the first.
@@ -70,31 +70,15 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
         }
     };
     if window.distance < -1e-9 && warp.recovery.is_some() {
-        warnings.push(format!(
-            "solver.warp.recovery = {} is below {:.4}, which growth x time = {:.4} asks for: \
-             where S grows that much, what is read there comes from where the profile is not \
-             exp(-p)",
-            window.point,
-            window.point - window.distance,
-            requirements.growth
-        ));
+        warnings.push(recovery_is_low(&window, requirements.growth));
     }
     // The modes of A − σ are those of A times e^{iμσT}: e^{σT} e^{p◇} ṽ(p◇) is e^p v(p) read at p =
     // p◇ + σT. An interval of which only the length matters is moved along.
     let shift = shift(case, bounds);
     let fixed = warp.interval.is_some() || requirements.sampled;
     let at = |apart| readings(case, &window, interval, apart);
-    let ErrorEstimator { readings, efficiency, doubt } = match case.recovery_points {
-        0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
-        // The two errors are independent; the second is at most e times as large, and may cancel
-        // the first or add to it.
-        _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
-            readings: at(SECOND_POINT),
-            efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
-            doubt: f64::INFINITY,
-        },
-        _ => most_alike(&series, [shift, requirements.decay], at),
-    };
+    let ErrorEstimator { readings, efficiency, doubt } =
+        error_estimator(case, &series, [shift, requirements.decay], at);
     Ok(Placement {
         estimator_efficiency: efficiency,
         estimator_doubt: doubt,
@@ -105,6 +89,37 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
         readings: moved(readings, shift),
         warnings,
     })
+}
+
+/// The warning of a recovery point given by hand below that of the plan.
+fn recovery_is_low(window: &Window, growth: f64) -> String {
+    format!(
+        "solver.warp.recovery = {} is below {:.4}, which growth x time = {growth:.4} asks for: \
+         where S grows that much, what is read there comes from where the profile is not exp(-p)",
+        window.point,
+        window.point - window.distance
+    )
+}
+
+/// The readings of `series` by which the error is estimated, which `at` gives for a distance of the
+/// second point from the first. The spectrum of `−ST` lies in `spectrum`.
+fn error_estimator(
+    case: &Case,
+    series: &Series,
+    spectrum: [f64; 2],
+    at: impl Fn(f64) -> Vec<Reading>,
+) -> ErrorEstimator {
+    match case.recovery_points {
+        0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
+        // The two errors are independent; the second is at most e times as large, and may cancel
+        // the first or add to it.
+        _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
+            readings: at(SECOND_POINT),
+            efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
+            doubt: f64::INFINITY,
+        },
+        _ => most_alike(series, spectrum, at),
+    }
 }
 
 /// A profile and its window, with what they meet.
@@ -121,10 +136,11 @@ impl PlannedProfile {
     /// As [`plan_placement`].
     fn new(case: &Case, bounds: &Bounds, ratio: f64, warnings: &mut Vec<String>) -> Result<Self> {
         let requirements = requirements(case, bounds, ratio);
-        let (profile, window) = match Profile::plan(&case.warp.choice(), &requirements) {
-            Some(planned) => planned,
-            None => relaxed(case, bounds, ratio, &requirements, warnings)?,
-        };
+        let PlacedProfile { profile, window } =
+            match Profile::plan(&case.warp.choice(), &requirements) {
+                Some(planned) => planned,
+                None => relaxed(case, bounds, ratio, &requirements, warnings)?,
+            };
         Ok(Self { requirements, profile, window })
     }
 }
@@ -351,11 +367,11 @@ fn relaxed(
     ratio: f64,
     requirements: &ProfileRequirements,
     warnings: &mut Vec<String>,
-) -> Result<(Profile, Window)> {
+) -> Result<PlacedProfile<Profile>> {
     let choice = &case.warp.choice();
     let growth = requirements.growth;
     let open = ProfileRequirements { interval: None, shortest: true, ..*requirements };
-    let Some((profile, window)) = Profile::plan(choice, &open) else {
+    let Some(guaranteed) = Profile::plan(choice, &open) else {
         return Err(no_profile(case, ratio, &open));
     };
     let transport = ProfileRequirements {
@@ -369,7 +385,7 @@ fn relaxed(
              that follows from a growth x time of at most {growth:.4}; without that growth it is \
              long enough",
             length(requirements),
-            window.period,
+            guaranteed.window.period,
             requirements.decay
         ));
         return Ok(planned);
@@ -383,23 +399,33 @@ fn relaxed(
             to the state at the start, {ratio:.3e} times \
              as large as the field at the end; relative to the field {:.4} guarantees it",
             length(requirements),
-            window.period
+            guaranteed.window.period
         ));
         return Ok(planned);
     }
     // A sufficient interval for the refusal's message: its ends for the decay of the transport
     // alone, relative to the state.
     let open = ProfileRequirements { decay: of_state.decay, tolerance: of_state.tolerance, ..open };
-    let (profile, window) = Profile::plan(choice, &open).unwrap_or((profile, window));
-    let [lower, upper] = profile.ends(&open, &window);
-    Err(Error::Interval {
+    let placed = Profile::plan(choice, &open).unwrap_or(guaranteed);
+    Err(too_short(case, requirements, &open, &placed))
+}
+
+/// The refusal of the interval of `requirements`, with that of `placed`, which meets `open`.
+fn too_short(
+    case: &Case,
+    requirements: &ProfileRequirements,
+    open: &ProfileRequirements,
+    PlacedProfile { profile, window }: &PlacedProfile<Profile>,
+) -> Error {
+    let [lower, upper] = profile.ends(open, window);
+    Error::Interval {
         place: case.interval_place.clone(),
         given: requirements.interval.unwrap_or_default(),
         needed: window.period,
         ends: [(lower * 1e3).floor() / 1e3, (upper * 1e3).ceil() / 1e3],
         point: window.point,
         tolerance: case.tolerance,
-    })
+    }
 }
 
 /// Why no profile meets `requirements`, whatever the interval.
@@ -495,7 +521,7 @@ fn most_alike(
     const TRIED: u32 = 16;
     let candidates = (TRIED / 2..=TRIED).map(|i| {
         let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));
-        let [least, largest] = shown(series, [&readings[0], &readings[1]], spectrum);
+        let [least, largest] = visible_error_parts(series, [&readings[0], &readings[1]], spectrum);
         (readings, least, largest)
     });
     let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;

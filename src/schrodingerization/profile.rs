@@ -28,7 +28,7 @@ pub mod smooth;
 pub mod window;
 
 pub use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
-pub use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
+pub use crate::schrodingerization::profile::window::{PlacedProfile, ProfileRequirements, Window};
 
 use crate::base::bisect::bisect;
 use crate::problem::case::ProfileChoice;
@@ -94,23 +94,32 @@ impl Profile {
     pub fn plan(
         choice: &ProfileChoice,
         requirements: &ProfileRequirements,
-    ) -> Option<(Self, Window)> {
-        fn any<P: Into<Profile>>(found: Option<(P, Window)>) -> Option<(Profile, Window)> {
-            found.map(|(profile, window)| (profile.into(), window))
-        }
+    ) -> Option<PlacedProfile<Self>> {
         match choice {
             ProfileChoice::Planned => {
                 let both = [ProfileChoice::Designed, ProfileChoice::Gaussian { sigma: None }];
                 let found = both.iter().filter_map(|c| Self::plan(c, requirements));
                 let work = |w: &Window| requirements.work(w.period, w.modes(w.period) as usize);
-                found.min_by(|(_, a), (_, b)| work(a).total_cmp(&work(b)))
+                found.min_by(|a, b| work(&a.window).total_cmp(&work(&b.window)))
             }
-            ProfileChoice::Designed => any(Designed::meeting(requirements)),
-            ProfileChoice::Gaussian { sigma } => any(Gaussian::meeting(*sigma, requirements)),
-            ProfileChoice::Exponential { alpha } => any(Exponential::meeting(alpha, requirements)),
-            ProfileChoice::Smooth { order } => any(Smooth::meeting(*order, requirements)),
-            ProfileChoice::LowSomma { c } => any(LowSomma::meeting(*c, requirements)),
-            ProfileChoice::Acl { beta } => any(Acl::meeting(*beta, requirements)),
+            ProfileChoice::Designed => {
+                Designed::meeting(requirements).map(PlacedProfile::converted)
+            }
+            ProfileChoice::Gaussian { sigma } => {
+                Gaussian::meeting(*sigma, requirements).map(PlacedProfile::converted)
+            }
+            ProfileChoice::Exponential { alpha } => {
+                Exponential::meeting(alpha, requirements).map(PlacedProfile::converted)
+            }
+            ProfileChoice::Smooth { order } => {
+                Smooth::meeting(*order, requirements).map(PlacedProfile::converted)
+            }
+            ProfileChoice::LowSomma { c } => {
+                LowSomma::meeting(*c, requirements).map(PlacedProfile::converted)
+            }
+            ProfileChoice::Acl { beta } => {
+                Acl::meeting(*beta, requirements).map(PlacedProfile::converted)
+            }
         }
     }
 

@@ -58,7 +58,11 @@ impl Reading {
 /// error is that of the series, for states whose spectrum of `−ST` is spread over `[from, from +
 /// s]`, for some `s` up to `to − from`. The functional reads a component at `s` from `g(p + s)`,
 /// and should give `e^{−s}`.
-pub fn shown(series: &Series, [first, second]: [&Reading; 2], [from, to]: [f64; 2]) -> [f64; 2] {
+pub fn visible_error_parts(
+    series: &Series,
+    [first, second]: [&Reading; 2],
+    [from, to]: [f64; 2],
+) -> [f64; 2] {
     /// Lengths of the intervals of `s` in addition to the whole one. Elements that resolve smooth
     /// data have a spectrum of length 1e-3 or so: their error is that at one end.
     const SPREADS: [f64; 5] = [0.002, 0.06, 0.6, 6.0, 20.0];

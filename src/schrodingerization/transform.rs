@@ -38,7 +38,7 @@ impl Transform {
         };
         let factors: Vec<Complex64> = (0..modes).map(factor).collect();
         let inverse = (factors.iter().enumerate()).map(|(l, factor)| {
-            let partners = if series.is_alone(l) { 1.0 } else { 2.0 };
+            let partners = if series.is_unpaired(l) { 1.0 } else { 2.0 };
             match factor.norm_sqr() {
                 0.0 => Complex64::ZERO,
                 _ => partners / points as f64 / factor,
@@ -218,8 +218,11 @@ mod tests {
             for (l, (x, back)) in x.iter().zip(&back).enumerate() {
                 let factor = transform.factors[l];
                 // Mode 0, and a mode without partner, contribute their real part.
-                let seen =
-                    if series.is_alone(l) { Complex64::from((factor * x).re) / factor } else { *x };
+                let seen = if series.is_unpaired(l) {
+                    Complex64::from((factor * x).re) / factor
+                } else {
+                    *x
+                };
                 assert!((seen - back).norm() < 1e-12, "mode {l}: {seen} {back}");
             }
         }

@@ -1,5 +1,6 @@
 //! The series in `p` that a run takes: period, modes, coefficients, readings, applications.
 
+use crate::base::checksum;
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::{Bounds, LONGEST_SPAN};
 use crate::matrix::lanes::LANES;
@@ -17,7 +18,6 @@ use crate::schrodingerization::profile::shape::EstimatorQuality;
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
 use serde::Serialize;
-use std::hash::{Hash, Hasher};
 
 /// The plan of a Schrödingerized run, independent of the ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -132,7 +132,7 @@ impl WarpPlan {
             // A mode and its conjugate share the allowed error, so that the tolerance of a mode
             // does not depend on whether its conjugate is propagated.
             Some(_) => {
-                let share = |l| modes.undivided().weight(modes.own(l).0, reading).norm();
+                let share = |l| modes.undivided().weight(modes.source(l).number, reading).norm();
                 (0..modes.count)
                     .map(|l| mode_tolerance(of_modes, series.modes(), share(l)))
                     .collect()
@@ -250,12 +250,10 @@ impl WarpPlan {
 
     /// A checksum: plans with the same bits have the same one.
     pub fn fingerprint(&self) -> u64 {
-        let mut hasher = std::hash::DefaultHasher::new();
-        self.leg_work.hash(&mut hasher);
-        for c in &self.series.coefficients {
-            [c.re.to_bits(), c.im.to_bits()].hash(&mut hasher);
-        }
-        hasher.finish()
+        let lengths = self.leg_work.iter().map(Vec::len);
+        let counts = lengths.chain(self.leg_work.iter().flatten().copied());
+        let bits = self.series.coefficients.iter().flat_map(|c| [c.re.to_bits(), c.im.to_bits()]);
+        checksum::run_checksum(0, counts.map(|count| count as u64).chain(bits))
     }
 
     /// The modes that are propagated.
@@ -389,6 +387,13 @@ fn mode_tolerance(state_tolerance: f64, modes: usize, weight: f64) -> f64 {
     (state_tolerance / (10.0 * modes as f64 * weight)).min(1.0)
 }
 
+/// The mode of a series that gives a propagated one.
+struct SourceMode {
+    number: usize,
+    /// Whether its conjugate is propagated.
+    is_mirrored: bool,
+}
+
 /// The modes of a series that are propagated: its own, `l ≥ 0`, and perhaps after them their
 /// conjugates.
 #[derive(Clone, Copy)]
@@ -404,7 +409,7 @@ impl<'a> PropagatedModes<'a> {
     fn of(reductions: &Reductions, series: &'a Series) -> Self {
         let own = series.modes();
         let conjugates = match reductions.every_mode {
-            true => (0..own).filter(|&l| !series.is_alone(l)).count(),
+            true => (0..own).filter(|&l| !series.is_unpaired(l)).count(),
             false => 0,
         };
         let count = own + conjugates;
@@ -416,29 +421,28 @@ impl<'a> PropagatedModes<'a> {
         Self { count: self.series.modes(), ..*self }
     }
 
-    /// The mode of the series that the `l`-th mode equals or, if the flag is true, is the conjugate
-    /// of.
-    fn own(&self, l: usize) -> (usize, bool) {
+    /// The mode of the series that gives the `l`-th.
+    fn source(&self, l: usize) -> SourceMode {
         match l.checked_sub(self.series.modes()) {
-            None => (l, false),
-            Some(behind) => (behind + 1, true),
+            None => SourceMode { number: l, is_mirrored: false },
+            Some(behind) => SourceMode { number: behind + 1, is_mirrored: true },
         }
     }
 
     /// `μ` of the `l`-th.
     fn wavenumber(&self, l: usize) -> f64 {
-        let (own, mirrored) = self.own(l);
-        let mu = self.series.wavenumber(own);
-        if mirrored { -mu } else { mu }
+        let SourceMode { number, is_mirrored } = self.source(l);
+        let mu = self.series.wavenumber(number);
+        if is_mirrored { -mu } else { mu }
     }
 
     /// Factor of the `l`-th mode in `reading`; a propagated conjugate has half of it.
     fn weight(&self, l: usize, reading: &Reading) -> Complex64 {
-        let (series, (own, mirrored)) = (self.series, self.own(l));
-        let both = self.count > series.modes() && !series.is_alone(own);
-        let factor = series.factor(own) * if both { 0.5 } else { 1.0 };
-        let weight = factor * reading.of_wave(series.wavenumber(own));
-        if mirrored { weight.conj() } else { weight }
+        let (series, SourceMode { number, is_mirrored }) = (self.series, self.source(l));
+        let both = self.count > series.modes() && !series.is_unpaired(number);
+        let factor = series.factor(number) * if both { 0.5 } else { 1.0 };
+        let weight = factor * reading.of_wave(series.wavenumber(number));
+        if is_mirrored { weight.conj() } else { weight }
     }
 
     /// `Σ |weight|` of a reading.

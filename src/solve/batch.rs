@@ -12,6 +12,7 @@ use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::stage::{FullRunModes, Stage, Task, whole_over_leg};
 use crate::solve::statistics::BatchStatistics;
+use crate::solve::sum::ModeSum;
 use num_complex::Complex64;
 
 /// Bound on the change of a mode's norm by round-off, per leg.
@@ -40,12 +41,10 @@ pub(super) fn add_batch(
 ) -> Result<()> {
     let BatchDestination { stage, between, mut passed, keeping, statistics } = destination;
     let (warp, initial) = (task.warp, &task.initial[stage.field]);
-    let cells = system.matrix.block.cells();
-    let mut lanes = LaneProgress::start(initial.norms);
     let begun = keeping.as_ref().is_some_and(|keeping| keeping.begun);
-    if let Some(keeping) = keeping.as_ref().filter(|_| begun || stage.legs.start > 0) {
-        lanes.load(keeping.kept, batch, between);
-    }
+    let stored = keeping.as_ref().filter(|_| begun || stage.legs.start > 0);
+    let mut lanes = LaneProgress::start(initial.norms);
+    stored.into_iter().for_each(|keeping| lanes.load(keeping.kept, batch, between));
     for leg in stage.legs.clone() {
         let Leg { time, passed: times, .. } = &task.legs[leg];
         system.time = *time;
@@ -60,19 +59,12 @@ pub(super) fn add_batch(
             norms: lanes.norms,
         };
         let (on_the_way, at_end) = stage.sums[leg - stage.legs.start].split_at_mut(times.len());
-        let report = match passed.as_deref_mut().filter(|_| !times.is_empty()) {
-            Some(passed) => {
-                passed.begin(times, &weights(warp, batch, &warp.readings[0], &lanes.phases));
-                let report = propagator.propagate_past(system, &spec, &start, passed)?;
-                for (t, sum) in on_the_way.iter_mut().enumerate() {
-                    sum.add_moments(passed.at(t));
-                }
-                report
-            }
-            None => propagator.propagate(system, &spec, &start)?,
-        };
+        let mut moments = passed.as_deref_mut().filter(|_| !times.is_empty());
+        let factors = weights(warp, batch, &warp.readings[0], &lanes.phases);
+        moments.iter_mut().for_each(|moments| moments.begin(times, &factors));
+        let report = propagated(system, propagator, &spec, &start, moments, on_the_way)?;
         lanes.advance(leg, &report);
-        let state = propagator.state();
+        let (cells, state) = (system.matrix.block.cells(), propagator.state());
         let (ratio, found) = lanes.norms_kept(system, state, &spec, batch, report.unitary)?;
         statistics.norms(ratio, found);
         statistics.took(&report);
@@ -89,6 +81,26 @@ pub(super) fn add_batch(
         lanes.store(keeping.kept, batch, stage.legs.end, propagator.state());
     }
     Ok(())
+}
+
+/// Propagates a batch over a leg, and adds the moments at the times that it passes, if any, to
+/// `sums`. Collective over the space group; allocates nothing.
+fn propagated(
+    system: &mut Evolution<'_>,
+    propagator: &mut dyn Propagator,
+    spec: &BatchSpec,
+    start: &InitialState<'_>,
+    moments: Option<&mut IntermediateMoments<'_>>,
+    sums: &mut [ModeSum],
+) -> Result<BatchReport> {
+    let Some(moments) = moments else {
+        return propagator.propagate(system, spec, start);
+    };
+    let report = propagator.propagate_past(system, spec, start, moments)?;
+    for (t, sum) in sums.iter_mut().enumerate() {
+        sum.add_moments(moments.at(t));
+    }
+    Ok(report)
 }
 
 /// Progress of the lanes of a batch.
@@ -109,10 +121,9 @@ impl LaneProgress {
 
     /// Loads the modes of `batch` that this rank has stored into `state`, and their progress.
     fn load(&mut self, kept: &RankModes, batch: &Batch, state: &mut [Lanes]) {
-        kept.load(&batch.modes, state);
+        kept.load(batch, state);
         for l in 0..LANES {
-            let mode = batch.modes[l.min(batch.modes.len() - 1)];
-            if let Some(progress) = kept.progress_of(mode) {
+            if let Some(progress) = kept.progress_of(batch.mode(l)) {
                 (self.phases[l], self.allowed[l], self.norms[l]) =
                     (progress.phase, progress.allowed, progress.norm);
             }
@@ -236,11 +247,10 @@ fn weights(
 }
 
 fn specification(warp: &WarpPlan, leg: usize, batch: &Batch) -> BatchSpec {
-    let mode = |l: usize| batch.modes[l.min(batch.modes.len() - 1)];
     BatchSpec {
         modes: batch.modes.len(),
-        wavenumbers: std::array::from_fn(|l| warp.wavenumber(mode(l))),
-        tolerances: std::array::from_fn(|l| warp.leg_tolerance(mode(l))),
-        work: std::array::from_fn(|l| warp.leg_work[leg][mode(l)]),
+        wavenumbers: std::array::from_fn(|l| warp.wavenumber(batch.mode(l))),
+        tolerances: std::array::from_fn(|l| warp.leg_tolerance(batch.mode(l))),
+        work: std::array::from_fn(|l| warp.leg_work[leg][batch.mode(l)]),
     }
 }

@@ -99,7 +99,7 @@ impl Prepared {
     /// Collective.
     pub fn probe(&mut self) -> f64 {
         let legs = self.case.legs();
-        self.system.probe(&self.communicator, &self.bounds, &legs)
+        self.system.probe(&self.communicator, &self.bounds, &legs).ratio
     }
 
     /// The ratio that [`probe`](Self::probe) gives, and the norms that determine probabilities.

@@ -1,6 +1,7 @@
 //! The modes that a rank stores: all rows of its space block for each mode that it computes.
 
 use crate::matrix::lanes::{LANES, Lanes};
+use crate::plan::balance::Batch;
 use crate::plan::memory::RANK_MODE_BYTES;
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -113,27 +114,20 @@ impl RankModes {
     /// Stores lane `l` of `state` for `modes[l]`, with `progress[l]`; ignores modes of other ranks.
     pub fn store(&mut self, modes: &[usize], progress: &[ModeProgress; LANES], state: &[Lanes]) {
         for (l, &mode) in modes.iter().enumerate() {
-            let Some(k) = self.index_of(mode) else {
+            let Some(kept) = self.replace(mode, progress[l]) else {
                 continue;
             };
-            self.progress[k] = progress[l];
-            let kept = &mut self.values[k * self.rows..(k + 1) * self.rows];
-            for (x, Lanes(w)) in kept.iter_mut().zip(state) {
-                *x = Complex64::new(w[l], w[LANES + l]);
-            }
+            kept.iter_mut().zip(state).for_each(|(x, row)| *x = row.lane(l));
         }
     }
 
-    /// Loads `modes[l]` into lane `l` of `state`, and the last mode into the remaining lanes.
-    pub fn load(&self, modes: &[usize], state: &mut [Lanes]) {
+    /// Loads the mode of each lane of `batch` into `state`; ignores modes of other ranks.
+    pub fn load(&self, batch: &Batch, state: &mut [Lanes]) {
         for l in 0..LANES {
-            let mode = modes.get(l).or(modes.last());
-            let Some(kept) = mode.and_then(|&mode| self.mode(mode)) else {
+            let Some(kept) = self.mode(batch.mode(l)) else {
                 continue;
             };
-            for (x, Lanes(w)) in kept.iter().zip(state.iter_mut()) {
-                (w[l], w[LANES + l]) = (x.re, x.im);
-            }
+            state.iter_mut().zip(kept).for_each(|(row, x)| row.set_lane(l, *x));
         }
     }
 }
@@ -160,10 +154,9 @@ mod tests {
         for (stored, batch) in [0, 8, 10].into_iter().zip(batches) {
             assert_eq!(gone(&kept), stored);
             let mut state = vec![Lanes::ZERO; rows];
-            for (i, Lanes(w)) in state.iter_mut().enumerate() {
+            for (i, row) in state.iter_mut().enumerate() {
                 for (l, &mode) in batch.iter().enumerate() {
-                    let x = value(mode, i);
-                    (w[l], w[LANES + l]) = (x.re, x.im);
+                    row.set_lane(l, value(mode, i));
                 }
             }
             let progress = std::array::from_fn(|l| progress(batch[l.min(batch.len() - 1)]));
@@ -172,11 +165,11 @@ mod tests {
         assert!(kept.mode(6).is_none() && kept.progress_of(6).is_none());
         for batch in &batches[..2] {
             let mut state = vec![Lanes::ZERO; rows];
-            kept.load(batch, &mut state);
-            for (i, Lanes(w)) in state.iter().enumerate() {
+            kept.load(&Batch { modes: batch.to_vec(), cost: 0 }, &mut state);
+            for (i, row) in state.iter().enumerate() {
                 for l in 0..LANES {
                     let mode = batch[l.min(batch.len() - 1)];
-                    assert_eq!(Complex64::new(w[l], w[LANES + l]), value(mode, i));
+                    assert_eq!(row.lane(l), value(mode, i));
                     assert_eq!(kept.progress_of(mode), Some(progress(mode)));
                     assert_eq!(kept.mode(mode).map(|x| x[i]), Some(value(mode, i)));
                 }

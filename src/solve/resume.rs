@@ -1,6 +1,7 @@
 //! The data of a run that a checkpoint holds, and how a run continues from one.
 
 use crate::base::error::Result;
+use crate::base::row_major::volume;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::MOMENTS;
 use crate::problem::legs::Leg;
@@ -10,7 +11,6 @@ use crate::solve::rank_modes::RankModes;
 use crate::solve::snapshot::{BoxValues, GroupProgress, Snapshot, StoredMode, StoredModes};
 use crate::solve::stage::{RecoveredFields, Stage, StageBatches, Task};
 use crate::solve::sum::ModeSum;
-use std::ops::Range;
 
 impl Stage<'_> {
     /// The finished work: the finished batches of this stage (`batches`), the stages before it, and
@@ -56,7 +56,7 @@ impl Stage<'_> {
     ) -> Result<()> {
         let ResumePoint { generation, share, .. } = resumed;
         let modes = &task.communicator.modes;
-        let points: usize = share.iter().map(Range::len).product();
+        let points = volume(share);
         let sums = self.sums.iter_mut().flatten().chain(&mut self.step_sum);
         let mut into = ReadDestination {
             block: &matrix.block.ranges,

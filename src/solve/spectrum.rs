@@ -157,7 +157,7 @@ fn start_value(global: usize) -> f64 {
 ///
 /// # Errors
 /// [`Error::NotFinite`].
-pub fn of(
+pub fn find(
     problem: &mut DiscreteSystem,
     space: &Group,
     steps: usize,
@@ -165,7 +165,7 @@ pub fn of(
     let bound = gershgorin(&problem.matrix, space);
     let norm = bound[0].abs().max(bound[1].abs());
     let exchange = &mut problem.exchange;
-    let found = extremes(&problem.matrix, exchange, space, norm, problem.terms, steps);
+    let found = extremes(&problem.matrix, exchange, space, norm, problem.norm_terms, steps);
     for end in [found.highest, found.lowest] {
         if !end.value.is_finite() {
             return Err(Error::NotFinite(format!("{} as an eigenvalue of S", end.value)));
@@ -240,7 +240,8 @@ fn start_vector(matrix: &BlockMatrix, unknowns: usize) -> Vec<f64> {
             vector[local + v] = start_value(global + v);
         }
     });
-    if matrix.auxiliaries() == matrix.inflow.len() {
+    // Not by the number of rows with inflow, which may be 1 beside a common unknown, too.
+    if matrix.shared_row().is_none() {
         for (m, aux) in matrix.inflow.iter().enumerate() {
             vector[cells + m] = vector[aux.row as usize];
         }

@@ -3,7 +3,7 @@
 
 use crate::base::checksum;
 use crate::base::error::{Error, Result};
-use crate::base::row_major::DatasetBox;
+use crate::base::row_major::{DatasetBox, volume};
 use crate::parallel::communicator::{Communicator, Group};
 use crate::parallel::files::{SharedFile, read_slab, stored_checksum};
 use crate::parallel::partition::Block;
@@ -117,7 +117,7 @@ impl StoredPart {
             if wanted.len() == stored.len() {
                 return values;
             }
-            let inner: usize = self.stored[a + 1..].iter().map(Range::len).product();
+            let inner = volume(&self.stored[a + 1..]);
             let lines = values.chunks_exact(inner.max(1));
             lines.flat_map(|line| line.repeat(wanted.len())).collect()
         })

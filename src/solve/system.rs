@@ -36,7 +36,7 @@ pub struct DiscreteSystem {
     /// Each field at the start on this rank's cells; a run drops them after computing their mass.
     pub initial: Vec<Vec<f64>>,
     /// Number of terms of a norm: space cells and auxiliary unknowns, over the space group.
-    pub terms: usize,
+    pub norm_terms: usize,
     /// The steps of an inflow that depends on time, if modes are propagated.
     pub schedule: Option<Schedule>,
     /// Bound on the growth of the system with its auxiliary unknowns.
@@ -206,7 +206,7 @@ impl DiscreteSystem {
         let schedule = inflow_schedule(case, &matrix, &mut exchange, communicator, &field)?;
         if let Some(schedule) = &schedule {
             states[0][cells..matrix.rows()].copy_from_slice(&schedule.unknowns);
-            matrix.summed_growth = schedule.summed_growth;
+            matrix.common_growth = schedule.common_growth;
         }
         let couplings: Vec<f64> = match &schedule {
             None => matrix.inflow.iter().map(|aux| aux.coupling).collect(),
@@ -215,13 +215,13 @@ impl DiscreteSystem {
         let coupled_growth = matrix.coupled_growth(space, weights.certificate, &couplings);
         let coupling = matrix.coupling_norm(space, &couplings);
         let counted = matrix.counted_rows() - cells;
-        let terms = case.space.space_cells() + space.sum_count(counted);
+        let norm_terms = case.space.space_cells() + space.sum_count(counted);
         Ok(Self {
             matrix,
             weights,
             states,
             initial,
-            terms,
+            norm_terms,
             schedule,
             coupled_growth,
             coupling,
@@ -232,7 +232,7 @@ impl DiscreteSystem {
 
     /// `bounds` with the measured growth instead of the assumed one.
     pub fn bounds(&self, space: &PhaseSpace, bounds: &Bounds) -> Bounds {
-        let inflow = self.terms > space.space_cells();
+        let inflow = self.norm_terms > space.space_cells();
         // An auxiliary unknown alone neither grows nor decays.
         let growth = if inflow { self.coupled_growth } else { self.weights.certificate };
         Bounds {
@@ -245,17 +245,18 @@ impl DiscreteSystem {
         }
     }
 
-    /// `(Σ |x_i|²)^½` over all rows, or over the cells with the weights undone. Collective over the
-    /// space group.
-    pub fn norm(&self, communicator: &Communicator, x: &[f64], field_only: bool) -> f64 {
+    /// `(Σ |x_i|²)^½` over all rows. Collective over the space group.
+    pub fn norm(&self, communicator: &Communicator, x: &[f64]) -> f64 {
+        self.root_of_sum(communicator, |i| x[i] * x[i])
+    }
+
+    /// `(Σ |x_i|²)^½` over the cells with the weights undone. Collective over the space group.
+    pub fn field_norm(&self, communicator: &Communicator, x: &[f64]) -> f64 {
         let cells = self.matrix.block.cells();
-        self.root_of_sum(communicator, |i| match (field_only, i < cells) {
-            (true, true) => match self.weights.are_volumes {
-                true => x[i] * x[i],
-                false => x[i] * x[i] / self.weights.pi[i],
-            },
-            (true, false) => 0.0,
-            _ => x[i] * x[i],
+        self.root_of_sum(communicator, |i| match i < cells {
+            true if self.weights.are_volumes => x[i] * x[i],
+            true => x[i] * x[i] / self.weights.pi[i],
+            false => 0.0,
         })
     }
 
@@ -263,7 +264,7 @@ impl DiscreteSystem {
     pub fn norm_of_mode(&self, communicator: &Communicator, mode: &[Complex64]) -> f64 {
         let norm = |of: fn(&Complex64) -> f64| {
             let part: Vec<f64> = mode.iter().map(of).collect();
-            self.norm(communicator, &part, false)
+            self.norm(communicator, &part)
         };
         norm(|x| x.re).hypot(norm(|x| x.im))
     }
@@ -288,7 +289,7 @@ impl DiscreteSystem {
         if !bound.is_finite() {
             return f64::NAN;
         }
-        self.matrix.sum_rows(group, bound, self.terms, square).sqrt()
+        self.matrix.sum_rows(group, bound, self.norm_terms, square).sqrt()
     }
 
     /// Turns `ũ` on the cells `range` into `f`, by undoing the weights.
@@ -304,12 +305,6 @@ impl DiscreteSystem {
         self.unweighted(range, state[range.clone()].to_vec())
     }
 
-    /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of `legs`, with a rough `f(t)`. The
-    /// mode groups share the fields. Collective.
-    pub fn probe(&mut self, communicator: &Communicator, bounds: &Bounds, legs: &[f64]) -> f64 {
-        self.probe_keeping(communicator, bounds, legs, &mut None)
-    }
-
     /// The ratio that [`probe`](Self::probe) gives, and the norms of the first field at the end,
     /// after `time`. Collective.
     pub fn rough_solution(
@@ -319,8 +314,7 @@ impl DiscreteSystem {
         legs: &[f64],
         time: f64,
     ) -> RoughSolution {
-        let mut last = None;
-        let ratio = self.probe_keeping(communicator, bounds, legs, &mut last);
+        let Probe { ratio, last } = self.probe(communicator, bounds, legs);
         // In several legs round-off is another, and a mode group has not the fields of others.
         let is_whole = legs.len() == 1 && communicator.modes.size() == 1;
         let state = last.filter(|_| is_whole).unwrap_or_else(|| {
@@ -331,46 +325,39 @@ impl DiscreteSystem {
         RoughSolution { ratio, norms: self.norms_at(communicator, &state) }
     }
 
-    /// The ratio that [`probe`](Self::probe) gives. The first field at the end is stored in `last`,
-    /// on ranks of the mode group that propagates it. With a varying inflow nothing is propagated
-    /// or stored.
-    fn probe_keeping(
-        &mut self,
-        communicator: &Communicator,
-        bounds: &Bounds,
-        legs: &[f64],
-        last: &mut Option<Vec<f64>>,
-    ) -> f64 {
-        let mut largest: f64 = 1.0;
+    /// Propagates the fields roughly over `legs`; with a varying inflow nothing is propagated. The
+    /// mode groups share the fields. Collective.
+    pub fn probe(&mut self, communicator: &Communicator, bounds: &Bounds, legs: &[f64]) -> Probe {
+        let (mut largest, mut last) = (1.0f64, None);
         if let Some(schedule) = &self.schedule {
             // The pilot has run to the end; the rest of the tolerance is the profile's.
-            let start = self.norm(communicator, &self.states[0], false);
+            let start = self.norm(communicator, &self.states[0]);
             let ratio = if start == 0.0 { 1.0 } else { PROBE_SAFETY * start / schedule.norm };
-            return ratio.max(1.0) / (1.0 - TIME_SHARE);
+            return Probe { ratio: ratio.max(1.0) / (1.0 - TIME_SHARE), last };
         }
         let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
         for (field, start) in self.states.iter().enumerate().skip(group).step_by(groups) {
             let mut state = start.clone();
-            let start = self.norm(communicator, start, false);
+            let start = self.norm(communicator, start);
             for &time in legs {
                 propagate_roughly(&self.matrix, &mut self.exchange, bounds, time, &mut state);
-                let now = self.norm(communicator, &state, true);
+                let now = self.field_norm(communicator, &state);
                 if start != 0.0 {
                     largest = largest.max(PROBE_SAFETY * start / now);
                 }
             }
             if field == 0 {
-                *last = Some(state);
+                last = Some(state);
             }
         }
-        communicator.modes.max(largest)
+        Probe { ratio: communicator.modes.max(largest), last }
     }
 
     /// The norms of the first field, which is `state` at the end. Collective.
     fn norms_at(&self, communicator: &Communicator, state: &[f64]) -> StateNorms {
-        let start = self.norm(communicator, &self.states[0], false);
+        let start = self.norm(communicator, &self.states[0]);
         let [weighted, auxiliary] = self.norms_of_parts(communicator, state);
-        StateNorms { start, weighted, auxiliary, field: self.norm(communicator, state, true) }
+        StateNorms { start, weighted, auxiliary, field: self.field_norm(communicator, state) }
     }
 }
 
@@ -395,6 +382,14 @@ fn propagate_roughly(
     } else {
         classical.exponential(exchange, state, ClassicalSpan { rate: bounds.rate, time }, ROUGH);
     }
+}
+
+/// What a rough propagation of the fields shows.
+pub struct Probe {
+    /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of the legs, with a margin.
+    pub ratio: f64,
+    /// The first field at the end, on ranks of the mode group that propagates it.
+    last: Option<Vec<f64>>,
 }
 
 /// Norms of a solution that are computed before modes are planned, to about three digits.

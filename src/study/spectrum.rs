@@ -147,7 +147,7 @@ impl SystemOnGrid<'_> {
         let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
         announce_steps(world, &mut prepared, steps)?;
         let space = &prepared.communicator.space;
-        let (lanczos, bound) = spectrum::of(&mut prepared.system, space, steps)?;
+        let (lanczos, bound) = spectrum::find(&mut prepared.system, space, steps)?;
         let system = &prepared.system;
         let guaranteed = &prepared.bounds;
         let weights = &system.weights;
@@ -160,7 +160,7 @@ impl SystemOnGrid<'_> {
             refinement,
             system: measured,
             shape: case.space.shape(),
-            unknowns: case.space.cells() + system.terms - case.space.space_cells(),
+            unknowns: case.space.cells() + system.norm_terms - case.space.space_cells(),
             interface: case.interface,
             weighted: bounds.weighted,
             lanczos,
@@ -182,7 +182,7 @@ fn announce_steps(world: &World, prepared: &mut Prepared, steps: usize) -> Resul
         return Ok(());
     }
     let started = Instant::now();
-    spectrum::of(&mut prepared.system, &prepared.communicator.space, 1)?;
+    spectrum::find(&mut prepared.system, &prepared.communicator.space, 1)?;
     let seconds = steps as f64 * started.elapsed().as_secs_f64();
     if world.group().is_first() && seconds > LONG {
         let seconds = seconds_text(seconds);

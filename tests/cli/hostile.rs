@@ -6,7 +6,7 @@ use crate::support::{
     on_results, require, soon, text_of,
 };
 use hdf5::plist::dataset_create::Layout;
-use phasewarp::base::checksum::of_run;
+use phasewarp::base::checksum::run_checksum;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::fs;
@@ -76,7 +76,7 @@ fn plant(file: &hdf5::File, name: &str, value: f64) -> hdf5::Result<()> {
         *middle = value;
     }
     dataset.write(&values)?;
-    let sum = of_run(0, values.iter().map(|v| v.to_bits()));
+    let sum = run_checksum(0, values.iter().map(|v| v.to_bits()));
     dataset.attr("checksum")?.write_scalar(&sum)
 }
 
@@ -85,7 +85,7 @@ fn large_chunk(file: &hdf5::File) -> hdf5::Result<()> {
     let builder = file.new_dataset::<f64>().shape(hdf5::SimpleExtents::resizable([8]));
     let dataset = builder.chunk([1 << 23]).deflate(4).create("zeros")?;
     dataset.write(&[0.0; 8])?;
-    dataset.new_attr::<u64>().create("checksum")?.write_scalar(&of_run(0, [0; 8].into_iter()))
+    dataset.new_attr::<u64>().create("checksum")?.write_scalar(&run_checksum(0, [0; 8].into_iter()))
 }
 
 fn nested(file: &hdf5::File) -> hdf5::Result<()> {

@@ -9,7 +9,7 @@ use crate::fuzzing::mutate::Corpus;
 use crate::fuzzing::{Random, Reader, fuzz};
 use crate::support::{case, change_hdf5, directory, run, text_of};
 use hdf5::types::{FixedAscii, FixedUnicode, VarLenUnicode};
-use phasewarp::base::checksum::{of_run, of_text};
+use phasewarp::base::checksum::{of_text, run_checksum};
 use phasewarp::parallel::communicator::World;
 use phasewarp::problem::case::{Case, WarpedStart};
 use phasewarp::results::pictures;
@@ -215,7 +215,7 @@ fn replace(
         let dataset = file.new_dataset::<T>().shape(shape).create(name)?;
         let list: Vec<T> = values.iter().map(|v| number(*v)).collect();
         dataset.write_raw(&list)?;
-        let sum = of_run(0, values.iter().map(|v| v.to_bits()));
+        let sum = run_checksum(0, values.iter().map(|v| v.to_bits()));
         dataset.new_attr::<u64>().create("checksum")?.write_scalar(&sum)
     }
     match kind {
@@ -261,7 +261,7 @@ fn apply(file: &hdf5::File, change: &Change) -> hdf5::Result<()> {
                 *number = *value;
             }
             dataset.write_raw(&values)?;
-            let sum = of_run(0, values.iter().map(|v| v.to_bits()));
+            let sum = run_checksum(0, values.iter().map(|v| v.to_bits()));
             dataset.attr("checksum")?.write_scalar(&sum)
         }
         Change::Text { name, text } => {

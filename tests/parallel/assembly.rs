@@ -8,9 +8,8 @@ use crate::support::dense::{assert_close, assert_same, case, noise};
 use crate::support::prepared::block_of;
 use num_complex::Complex64;
 use phasewarp::matrix::block_matrix::{BlockMatrix, Operator};
-use phasewarp::matrix::blocking::{
-    Blocking, BlockingShape, Caches, FastestBlocking, MOST_LEVELS, RecurrenceSteps,
-};
+use phasewarp::matrix::blocking::fastest::FastestBlocking;
+use phasewarp::matrix::blocking::{Blocking, BlockingShape, Caches, MOST_LEVELS, RecurrenceSteps};
 use phasewarp::matrix::kernel::{InstructionSet, LineStep};
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
 use phasewarp::parallel::communicator::{Communicator, GhostExchange, World};

@@ -340,6 +340,17 @@ impl Twin {
         ]
     }
 
+    /// Inflow in a single row, that of the fastest cell at the left end, with the unknown that all
+    /// ranks share.
+    pub fn single_inflow() -> Self {
+        let set = [
+            "axis.0.v={lower=-1.0,upper=1.36,cells=9}",
+            "inflow.value='1 if x < -1.5 && v > 1.1 else 0'",
+            "solver.warp.inflow='scalar'",
+        ];
+        scene("scalar, one row", "slope_jump.toml", &[7], &set)
+    }
+
     /// The twins with the other embeddings of the inflow, with planned and given `δ`.
     fn embeddings() -> Vec<Self> {
         // The grids differ. Otherwise, some twins would have the same bits.

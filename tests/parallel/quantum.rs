@@ -10,7 +10,7 @@ use phasewarp::parallel::communicator::World;
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Alpha, ProfileChoice};
-use phasewarp::quantum::access::{Scratch, SparseAccess};
+use phasewarp::quantum::access::{LargestEntries, Scratch, SparseAccess};
 use phasewarp::quantum::probability::{Deviation, square_sum};
 use phasewarp::quantum::sparsity::{Sparsity, measure};
 use phasewarp::quantum::walk::value_bits;
@@ -64,6 +64,17 @@ pub fn oracles(world: &World) {
     }
 }
 
+/// The unit of `m`-bit values, the weight of their last bit: `‖H‖_max/(2^{m−1} − 1)`.
+fn unit(access: &SparseAccess<'_>, m: u32) -> f64 {
+    access.largest() / ((1i64 << (m - 1)) - 1) as f64
+}
+
+/// `|H_jk⟩_m`: the real and imaginary part of a value as whole numbers of [`unit`]s, rounded to the
+/// nearest. Each has `m` bits, one of them the sign, with `m` from 2 to 52.
+fn rounded(access: &SparseAccess<'_>, value: Complex64, m: u32) -> [i64; 2] {
+    [value.re, value.im].map(|x| (x / unit(access, m)).round() as i64)
+}
+
 /// The oracles of a twin and its dense matrix.
 struct Oracle<'a> {
     name: &'static str,
@@ -105,7 +116,7 @@ impl Oracle<'_> {
             assert!(hermitian, "{name}: {j} {column}");
             assert!(value != Complex64::ZERO);
             for bits in [4, 20, 50] {
-                self.check_bits(scratch, (j, column), value, bits);
+                self.check_bits(value, bits);
             }
         }
         assert!(found.len() <= access.sparsity(), "{name}: row {j}");
@@ -113,10 +124,10 @@ impl Oracle<'_> {
     }
 
     /// Checks that the value with `m` bits is the nearest one.
-    fn check_bits(&self, scratch: &mut Scratch, at: (usize, usize), value: Complex64, m: u32) {
+    fn check_bits(&self, value: Complex64, m: u32) {
         let access = self.access;
-        let unit = access.unit(m);
-        let [re, im] = access.value_bits(scratch, at.0, at.1, m);
+        let unit = unit(access, m);
+        let [re, im] = rounded(access, value, m);
         for (bits, x) in [(re, value.re), (im, value.im)] {
             let off = (bits as f64 * unit - x).abs();
             // More bits than a double has add no information.
@@ -139,8 +150,8 @@ impl Oracle<'_> {
                 for entry in 0..access.sparsity() {
                     let k = access.location(scratch, j, entry);
                     let value = access.value(scratch, j, k);
-                    let [re, im] = access.value_bits(scratch, j, k, m);
-                    let unit = access.unit(m);
+                    let [re, im] = rounded(access, value, m);
+                    let unit = unit(access, m);
                     let off = value - Complex64::new(re as f64 * unit, im as f64 * unit);
                     sum += off.norm();
                     square += off.norm_sqr();
@@ -187,6 +198,10 @@ pub fn sparsity(world: &World) {
             let found = measure(&twin.case, &prepared.system.matrix, space);
             let found = found.expect("V is finite");
             check_counts(&twin, &weighted, &found, &name);
+            // The row of a common unknown is not the part of one rank.
+            let entries = LargestEntries::of(&prepared.system.matrix, space);
+            let fullest = found.counts.iter().find(|c| c.matrix == "H").map(|c| c.rows.most);
+            assert_eq!(Some(entries.nonzeros), fullest, "{name}");
             // The stated bounds hold, and bounds are stated only for cases to which they apply.
             for c in &found.counts {
                 assert!(c.rows.holds && c.columns.holds, "{name}: {c:?}");

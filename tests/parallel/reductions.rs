@@ -178,7 +178,7 @@ pub fn looks_of_unequal_blocks(world: &World) {
         interruption.allowed = true;
         let (mut done, mut is_left) = (0, false);
         while done < ALL && !is_left {
-            let some = interruption.before_look((3 + 4 * rank).min(ALL - done));
+            let some = interruption.applications_until_check((3 + 4 * rank).min(ALL - done));
             done += some;
             stop.store(rank == last && done >= stopped_after, Ordering::Relaxed);
             is_left = interruption.after(some);

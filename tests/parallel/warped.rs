@@ -233,7 +233,7 @@ impl WarpedField<'_> {
             return Complex64::ZERO;
         }
         let x = self.series.coefficients[l] * phase(l) * mode_value(l, cell);
-        if !ones.is_alone(l) {
+        if !ones.is_unpaired(l) {
             return x;
         }
         // The points contain only its real part.

@@ -195,7 +195,7 @@ impl System {
             system.strength[i] = match case.space.degree() {
                 0 if row.draw == 0.0 => 0.0,
                 0 => row.inflow[0].powi(2) / row.draw,
-                _ => row.ghosts.iter().map(|(rate, point)| rate * square(point)).sum(),
+                _ => row.sources.iter().map(|source| source.rate * square(&source.point)).sum(),
             };
         }
         system

@@ -63,7 +63,7 @@ pub fn prepare(world: &World, case: &Case, mesh: &ProcessMesh) -> Prepared {
 /// The parts of a prepared case for a propagation over `time`.
 pub fn parts(prepared: &mut Prepared, time: f64) -> Parts<'_> {
     let Prepared { communicator, system, bounds, .. } = prepared;
-    let norms = system.states.iter().map(|state| system.norm(communicator, state, false));
+    let norms = system.states.iter().map(|state| system.norm(communicator, state));
     let norms: Vec<f64> = norms.collect();
     let rows = system.matrix.rows();
     let initial = system.states.iter().zip(norms);
@@ -78,7 +78,7 @@ pub fn parts(prepared: &mut Prepared, time: f64) -> Parts<'_> {
             space: &communicator.space,
             bounds,
             time,
-            terms: system.terms,
+            norm_terms: system.norm_terms,
             interruption: Interruption::default(),
         },
     }

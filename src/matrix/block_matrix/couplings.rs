@@ -31,9 +31,9 @@ impl BlockMatrix {
         let cells = self.block.cells();
         for (m, coupling) in range.zip(couplings) {
             let (i, half) = (self.inflow[m].row as usize, 0.5 * coupling);
-            let r = if self.shared { cells } else { cells + m };
+            let r = if self.has_common_unknown { cells } else { cells + m };
             add_coupled(constants, 1.0, half, &x[r].0, &mut y[i].0);
-            if !self.shared {
+            if !self.has_common_unknown {
                 add_coupled(constants, -1.0, half, &x[i].0, &mut y[r].0);
             }
         }
@@ -60,7 +60,7 @@ impl BlockMatrix {
     /// Half the norm of the couplings `couplings` to auxiliary unknowns, row by row of
     /// [`inflow`](Self::inflow). Collective over `space`.
     pub fn coupling_norm(&self, space: &Group, couplings: &[f64]) -> f64 {
-        if self.shared {
+        if self.has_common_unknown {
             let squares = couplings.iter().map(|k| [k * k]);
             let [sum] = space.sum_lanes(self.inflow_rows, squares);
             return 0.5 * sum.sqrt();

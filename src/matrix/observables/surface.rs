@@ -21,6 +21,7 @@
 //! by `overlap`, with weights that fall linearly from 1 to 0 and sum to 1.
 
 use crate::base::quadrature::gauss_legendre;
+use crate::base::row_major::position;
 use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::level_sets::{IDENTITY, determinant};
 use crate::matrix::observables::zeros::{basis, basis_slopes, evaluate, has_one_sign, zeros};
@@ -138,6 +139,26 @@ fn to_bernstein(nodes: Nodes, reach: f64) -> Vec<Vec<f64>> {
     (0..count).map(|j| columns.iter().map(|column| column[j]).collect()).collect()
 }
 
+/// A set of axes.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct AxisSet(u32);
+
+impl AxisSet {
+    /// The sets of `size` of `axes` axes.
+    fn of_size(axes: usize, size: usize) -> impl Iterator<Item = Self> {
+        (0u32..1 << axes).filter(move |set| set.count_ones() as usize == size).map(Self)
+    }
+
+    /// The set of these axes.
+    fn of_range(axes: Range<usize>) -> Self {
+        Self(axes.fold(0, |set, axis| set | 1 << axis))
+    }
+
+    fn contains(self, axis: usize) -> bool {
+        self.0 >> axis & 1 == 1
+    }
+}
+
 /// The surface over one element.
 struct SurfacePatch<'a> {
     element: &'a Element<'a>,
@@ -175,8 +196,8 @@ pub fn for_each_zero(
         }
         let patch =
             SurfacePatch { element, space, lines: &lines, phi: coefficients(phi), psi: level_sets };
-        for solved in (0u32..1 << (2 * n)).filter(|set| set.count_ones() as usize == n) {
-            let constant = |b: usize| solved >> b & 1 == 1 && lines[b].nodes.degree == 0;
+        for solved in AxisSet::of_size(2 * n, n) {
+            let constant = |b: usize| solved.contains(b) && lines[b].nodes.degree == 0;
             if !(0..2 * n).any(constant) {
                 patch.solve(solved, share, &mut visit);
             }
@@ -187,9 +208,9 @@ pub fn for_each_zero(
 impl SurfacePatch<'_> {
     /// Visits the zeros along the axes of the set `solved`, at every point of the rule of the other
     /// axes.
-    fn solve(&self, solved: u32, share: &[Range<usize>], visit: &mut impl FnMut(&SurfaceZero)) {
+    fn solve(&self, solved: AxisSet, share: &[Range<usize>], visit: &mut impl FnMut(&SurfaceZero)) {
         let axes = self.lines.len();
-        let is_solved = |b: usize| solved >> b & 1 == 1;
+        let is_solved = |b: usize| solved.contains(b);
         let shape: Vec<usize> =
             (0..axes).filter(|b| is_solved(*b)).map(|b| self.lines[b].nodes.count()).collect();
         let counts: Vec<usize> =
@@ -228,17 +249,17 @@ impl SurfacePatch<'_> {
     /// weight `weight`; `None` if it is zero.
     fn zero(
         &self,
-        solved: u32,
+        solved: AxisSet,
         xi: &[f64],
         weight: f64,
         share: &[Range<usize>],
     ) -> Option<SurfaceZero> {
         let n = self.space.dimension();
         let part: f64 =
-            (n..2 * n).filter(|b| solved >> b & 1 == 1).map(|b| self.part(b, xi[b])).product();
-        let velocities = ((1 << n) - 1) << n;
+            (n..2 * n).filter(|b| solved.contains(*b)).map(|b| self.part(b, xi[b])).product();
+        let velocities = AxisSet::of_range(n..2 * n);
         let minors = self.minors(xi);
-        let square = |set: u32| minors.iter().find(|m| m.0 == set).map_or(0.0, |m| m.1 * m.1);
+        let square = |set: AxisSet| minors.iter().find(|m| m.0 == set).map_or(0.0, |m| m.1 * m.1);
         let all: f64 = minors.iter().map(|m| m.1 * m.1).sum();
         let along_velocities = smooth_step(square(velocities) / (STEEP * all));
         let counts = match solved == velocities {
@@ -253,11 +274,11 @@ impl SurfacePatch<'_> {
             .collect();
         let volume: f64 = self.space.axes().map(|axis| axis.width()).product();
         let density = evaluate(&self.phi, &bases) / square(solved).sqrt();
-        let cell = share.iter().enumerate().fold(0, |cell, (a, range)| {
-            let line = &self.lines[a];
-            let first = self.element.index[a] * line.nodes.count();
-            cell * range.len() + first + line.cell(xi[a]) - range.start
+        let cell: [usize; MAX_DIMENSION] = std::array::from_fn(|a| match a < n {
+            true => self.element.index[a] * self.lines[a].nodes.count() + self.lines[a].cell(xi[a]),
+            false => 0,
         });
+        let cell = position(share, &cell).expect("the element is in the share");
         let mass = part * counts * weight * volume * density;
         Some(SurfaceZero { cell, mass, point: self.element.point(xi) })
     }
@@ -276,7 +297,7 @@ impl SurfacePatch<'_> {
     }
 
     /// The minors `det ∂Ψ/∂I` at `xi` of all sets `I` of `n` axes, lengths in elements.
-    fn minors(&self, xi: &[f64]) -> Vec<(u32, f64)> {
+    fn minors(&self, xi: &[f64]) -> Vec<(AxisSet, f64)> {
         let (n, axes) = (self.space.dimension(), self.lines.len());
         let rows = |derived: usize| -> Vec<Vec<f64>> {
             (self.lines.iter().zip(xi).enumerate())
@@ -296,11 +317,10 @@ impl SurfacePatch<'_> {
                 self.psi.iter().map(|psi| evaluate(psi, &rows) / self.lines[b].reach).collect()
             })
             .collect();
-        (0u32..1 << axes)
-            .filter(|set| set.count_ones() as usize == n)
+        AxisSet::of_size(axes, n)
             .map(|set| {
                 let mut jacobian = IDENTITY;
-                let chosen = (0..axes).filter(|b| set >> b & 1 == 1);
+                let chosen = (0..axes).filter(|b| set.contains(*b));
                 for (column, b) in chosen.enumerate() {
                     for (a, row) in jacobian.iter_mut().enumerate().take(n) {
                         row[column] = slopes[b][a];

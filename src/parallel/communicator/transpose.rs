@@ -10,7 +10,7 @@
 //! field. In a round the ranks form a ring: in step `s` each sends to `rank + s` and receives from
 //! `rank − s`, in pieces whose length fits a C int. A rank copies its own part.
 
-use crate::parallel::communicator::{Group, MOST_AT_ONCE};
+use crate::parallel::group::{Group, MOST_AT_ONCE};
 use mpi::point_to_point::send_receive_into;
 use mpi::traits::Communicator as _;
 use num_complex::Complex64;
@@ -59,7 +59,7 @@ impl<'a> Transpose<'a> {
     }
 
     /// Number of ranks.
-    pub fn size(&self) -> usize {
+    fn size(&self) -> usize {
         self.group.size()
     }
 

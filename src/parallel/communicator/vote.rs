@@ -4,10 +4,9 @@
 //! which is known once all ranks have posted. So ranks of different speeds exchange requests
 //! without waiting.
 
-use crate::parallel::communicator::Group;
+use crate::parallel::group::Group;
 use mpi::collective::SystemOperation;
 use mpi::ffi;
-use mpi::traits::Communicator as _;
 use mpi::traits::*;
 
 /// The votes of a group, one after the other.
@@ -16,7 +15,7 @@ pub struct Vote {
     group: Group,
     /// The value that this rank posted, and the outcome. MPI owns both between `post` and the end
     /// of the vote.
-    ballots: Vec<u64>,
+    ballots: Box<[u64; 2]>,
     request: ffi::MPI_Request,
     posted: bool,
 }
@@ -25,8 +24,8 @@ impl Vote {
     /// Votes of the ranks of `group`. Collective.
     pub fn new(group: &Group) -> Self {
         Self {
-            group: Group { communicator: group.communicator.duplicate() },
-            ballots: vec![0; 2],
+            group: group.duplicate(),
+            ballots: Box::default(),
             // SAFETY: a constant of the library, which is never written.
             request: unsafe { ffi::RSMPI_REQUEST_NULL },
             posted: false,

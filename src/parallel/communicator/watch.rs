@@ -18,9 +18,9 @@ use std::time::Duration;
 
 /// Variable of the environment: the number of seconds after which a stopped rank ends the job; with
 /// 0 it never does.
-const VARIABLE: &str = "PHASEWARP_STOPPED_SECONDS";
+const TIMEOUT_VARIABLE: &str = "PHASEWARP_STOPPED_SECONDS";
 /// The value of that variable where it is not set.
-pub(crate) const USUAL_LOOKS: u32 = 60;
+pub(crate) const USUAL_CHECKS: u32 = 60;
 /// Time between two looks.
 pub(crate) const PAUSE: Duration = Duration::from_secs(1);
 /// How long a launcher may take to end a job of which a rank was killed.
@@ -29,7 +29,7 @@ const LAUNCHER: Duration = Duration::from_secs(10);
 pub(crate) const STACK: usize = 256 << 10;
 
 /// The thread that watches another rank, until dropped.
-pub(super) struct RankWatch {
+pub(crate) struct RankWatch {
     thread: JoinHandle<()>,
     is_over: Arc<AtomicBool>,
 }
@@ -37,16 +37,16 @@ pub(super) struct RankWatch {
 impl RankWatch {
     /// Watches the next rank of this node. None where there is no other, where the system does not
     /// tell, or the user wants none. Collective over `world`, of all ranks.
-    pub(super) fn start(world: &SimpleCommunicator) -> Option<Self> {
+    pub(crate) fn start(world: &SimpleCommunicator) -> Option<Self> {
         let rank = world.rank();
-        let looks = looks().unwrap_or_else(|value| {
+        let checks = checks().unwrap_or_else(|value| {
             if rank == 0 {
                 report(&format!(
-                    "warning: {VARIABLE}={value} is no number of seconds (0 or more, 0: never); \
-                     {USUAL_LOOKS} are taken"
+                    "warning: {TIMEOUT_VARIABLE}={value} is not a number of seconds (0 or more, 0: \
+                     never); using {USUAL_CHECKS}"
                 ));
             }
-            USUAL_LOOKS
+            USUAL_CHECKS
         });
         let node = world.split_shared(rank);
         let mine = [u64::from(std::process::id()), own_start(), rank as u64];
@@ -54,14 +54,14 @@ impl RankWatch {
         node.all_gather_into(&mine[..], &mut all[..]);
         let next = (node.rank() as usize + 1) % node.size() as usize;
         let &[id, start, rank] = all.chunks_exact(mine.len()).nth(next)? else { return None };
-        if looks == 0 || id == mine[0] {
+        if checks == 0 || id == mine[0] {
             return None;
         }
         let watched = WatchedRank {
             rank,
             id: Pid::from_raw(i32::try_from(id).ok()?)?,
             stat: File::open(format!("/proc/{id}/stat")).ok()?,
-            looks,
+            checks,
         };
         // The number is that of another process where each rank has its own process table.
         if start == 0 || watched.look()?.start != start {
@@ -81,9 +81,9 @@ impl Drop for RankWatch {
     }
 }
 
-/// The number that [`VARIABLE`] gives; the error is a text that is none.
-pub(crate) fn looks() -> Result<u32, String> {
-    let Some(value) = std::env::var_os(VARIABLE) else { return Ok(USUAL_LOOKS) };
+/// The number that [`TIMEOUT_VARIABLE`] gives; the error is a text that is none.
+pub(crate) fn checks() -> Result<u32, String> {
+    let Some(value) = std::env::var_os(TIMEOUT_VARIABLE) else { return Ok(USUAL_CHECKS) };
     let number = value.to_str().and_then(|text| text.parse().ok());
     number.ok_or_else(|| value.display().to_string())
 }
@@ -129,7 +129,7 @@ struct WatchedRank {
     /// Open, so that it never shows another process of the same number.
     stat: File,
     /// Looks in succession that find it stopped before the job is ended.
-    looks: u32,
+    checks: u32,
 }
 
 impl WatchedRank {
@@ -140,7 +140,7 @@ impl WatchedRank {
     /// Returns when it is over, or the other process is. Allocates nothing until the job is ended.
     fn watch(&self, is_over: &AtomicBool) {
         let mut stopped = 0;
-        while stopped < self.looks {
+        while stopped < self.checks {
             park_timeout(PAUSE);
             if is_over.load(Ordering::Relaxed) {
                 return;
@@ -160,7 +160,7 @@ impl WatchedRank {
             "phasewarp: rank {} (process {}) was stopped by a signal {} s ago; ending the job",
             self.rank,
             self.id.as_raw_nonzero(),
-            self.looks
+            self.checks
         ));
         let _ = kill_process(self.id, Signal::KILL);
         sleep(LAUNCHER);

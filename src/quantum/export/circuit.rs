@@ -35,62 +35,14 @@ pub fn preparation(profile: &[f64], system: &[f64]) -> Circuit {
 mod tests {
     use super::*;
     use crate::quantum::circuit::formats::qasm;
+    use crate::quantum::circuit::simulate::SparseState;
     use num_complex::Complex64;
 
-    /// Runs a program of these gates on all amplitudes of one register, from basis state `start`.
-    fn run(text: &str, name: &str, qubits: usize, start: usize) -> Vec<Complex64> {
+    /// The amplitudes of all states of `qubits` qubits after a circuit acts on basis state `start`.
+    fn run(circuit: &Circuit, qubits: usize, start: usize) -> Vec<Complex64> {
         let mut state = vec![Complex64::ZERO; 1 << qubits];
-        state[start] = Complex64::ONE;
-        for line in text.lines().filter(|l| l.contains(&format!(" {name}["))) {
-            if line.starts_with("qubit") {
-                continue;
-            }
-            let (gate, places) = line.split_once(' ').expect("a gate");
-            let q: Vec<usize> = places
-                .trim_end_matches(';')
-                .split(", ")
-                .map(|p| p[name.len() + 1..p.len() - 1].parse().expect("a number"))
-                .collect();
-            let angle: f64 =
-                gate.split(['(', ')']).nth(1).map_or(0.0, |a| a.parse().expect("an angle"));
-            let before = state.clone();
-            for (j, after) in state.iter_mut().enumerate() {
-                let bit = |k: usize| j >> q[k] & 1;
-                let other = before[j ^ 1 << q[0]];
-                *after = match gate.split('(').next() {
-                    Some("h") => {
-                        (other + before[j] * if bit(0) == 1 { -1.0 } else { 1.0 }) / 2f64.sqrt()
-                    }
-                    Some("ry") => {
-                        let (sin, cos) = (0.5 * angle).sin_cos();
-                        before[j] * cos + other * if bit(0) == 1 { sin } else { -sin }
-                    }
-                    Some("z") => before[j] * if bit(0) == 1 { -1.0 } else { 1.0 },
-                    Some("cp") => {
-                        before[j]
-                            * if bit(0) * bit(1) == 1 {
-                                Complex64::cis(angle)
-                            } else {
-                                Complex64::ONE
-                            }
-                    }
-                    Some("cx") => {
-                        if bit(0) == 1 {
-                            before[j ^ 1 << q[1]]
-                        } else {
-                            before[j]
-                        }
-                    }
-                    Some("swap") => {
-                        if bit(0) == bit(1) {
-                            before[j]
-                        } else {
-                            before[j ^ 1 << q[0] ^ 1 << q[1]]
-                        }
-                    }
-                    gate => panic!("{gate:?}"),
-                };
-            }
+        for (number, amplitude) in SparseState::basis(start as u128).after(&circuit.gates).terms {
+            state[number as usize] = amplitude;
         }
         state
     }
@@ -99,9 +51,9 @@ mod tests {
     fn the_transform_is_phi() {
         for qubits in 1..6 {
             let n = 1usize << qubits;
-            let text = qasm(&transform(qubits), None);
+            let circuit = transform(qubits);
             for l in 0..n {
-                let found = run(&text, "warped", qubits, l);
+                let found = run(&circuit, qubits, l);
                 let mut modes = vec![Complex64::ZERO; n];
                 modes[l] = Complex64::ONE;
                 for (a, b) in found.iter().zip(super::super::transformed(&modes)) {
@@ -111,29 +63,41 @@ mod tests {
         }
     }
 
+    /// A vector with signs, zeros, and a part that is all zero.
+    fn vector(qubits: usize, phase: f64) -> Vec<f64> {
+        let value = |i: usize| match i {
+            i if i >= 1 << qubits >> 1 && i < 3 << qubits >> 2 => 0.0,
+            i => (1.3 * i as f64 + phase).sin(),
+        };
+        (0..1 << qubits).map(value).collect()
+    }
+
     #[test]
     fn prepared_states_are_the_vectors() {
         for (p, s) in [(1, 0), (2, 3), (5, 1), (3, 4)] {
-            let vector = |qubits: usize, phase: f64| -> Vec<f64> {
-                // Signs, zeros, and a part that is all zero.
-                let value = |i: usize| match i {
-                    i if i >= 1 << qubits >> 1 && i < 3 << qubits >> 2 => 0.0,
-                    i => (1.3 * i as f64 + phase).sin(),
-                };
-                (0..1 << qubits).map(value).collect()
-            };
-            let vectors = [vector(p, 0.4), vector(s, 2.0)];
-            let text = qasm(&preparation(&vectors[0], &vectors[1]), None);
-            for (name, qubits, values) in [("warped", p, &vectors[0]), ("system", s, &vectors[1])] {
-                if qubits == 0 {
-                    continue;
-                }
-                let size = values.iter().map(|x| x * x).sum::<f64>().sqrt();
-                let found = run(&text, name, qubits, 0);
-                for (a, x) in found.iter().zip(values) {
-                    assert!((a - x / size).norm() < 1e-14, "{name} {qubits}: {a} {}", x / size);
-                }
+            let (profile, system) = (vector(p, 0.4), vector(s, 2.0));
+            let found = run(&preparation(&profile, &system), p + s, 0);
+            let size = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let sizes = size(&profile) * size(&system);
+            for (i, a) in found.iter().enumerate() {
+                let x = profile[i % (1 << p)] * system[i >> p] / sizes;
+                assert!((a - x).norm() < 1e-14, "{p} {s} {i}: {a} {x}");
             }
         }
+    }
+
+    /// The text has the angles of the gates, bit by bit.
+    #[test]
+    fn angles_survive_the_text() {
+        let circuit = preparation(&vector(4, 0.4), &vector(2, 2.0));
+        let text = qasm(&circuit, None);
+        let angle = |line: &str| line.strip_prefix("ry(")?.split(')').next()?.parse().ok();
+        let found: Vec<f64> = text.lines().filter_map(angle).collect();
+        let of_gate = |gate: &Gate| match gate {
+            Gate::Ry(angle, _) => Some(*angle),
+            _ => None,
+        };
+        let expected: Vec<f64> = circuit.gates.iter().filter_map(of_gate).collect();
+        assert!(!expected.is_empty() && found == expected, "{found:?} {expected:?}");
     }
 }

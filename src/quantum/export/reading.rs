@@ -80,7 +80,7 @@ impl PointGrid {
         let series = &warp.series;
         let given = points(series);
         let points = given.next_power_of_two();
-        if series.alone && given != points {
+        if series.last_is_unpaired && given != points {
             return Err(Error::Input(format!(
                 "{name}: {given} points in p; a register of qubits takes a power of two: \
                  solver.warp.points = {points}"
@@ -89,7 +89,7 @@ impl PointGrid {
         let (point, period) = (warp.readings[0].point, series.period);
         let width = period / points as f64;
         let steps = (point - warp.interval[0]) / width;
-        let (lower, index) = match series.alone {
+        let (lower, index) = match series.last_is_unpaired {
             true => (warp.interval[0], (steps - 1e-9).ceil()),
             false => (point - steps.floor() * width, steps.floor()),
         };

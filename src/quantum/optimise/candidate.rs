@@ -185,7 +185,7 @@ pub struct System<'a> {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ProfileCandidate {
     pub profile: ProfileChoice,
-    pub further: Option<f64>,
+    pub beyond_edge: Option<f64>,
     /// The value of the parameter in the scan; 0 for defaults.
     pub value: f64,
 }
@@ -193,7 +193,7 @@ pub(super) struct ProfileCandidate {
 impl ProfileCandidate {
     /// A profile as it is planned.
     pub fn planned(profile: ProfileChoice) -> Self {
-        Self { profile, further: None, value: 0.0 }
+        Self { profile, beyond_edge: None, value: 0.0 }
     }
 }
 
@@ -206,7 +206,8 @@ pub(super) fn candidate_case(case: &Case, bounds: &Bounds, candidate: &ProfileCa
     let warp = &mut case.warp;
     (warp.profile, warp.share) = (candidate.profile.clone(), 1.0);
     (warp.interval, warp.points) = (None, None);
-    warp.recovery = candidate.further.map(|further| (growth - shift).max(0.0) + further);
+    warp.recovery =
+        candidate.beyond_edge.map(|beyond_edge| (growth - shift).max(0.0) + beyond_edge);
     (warp.coefficients, warp.recovery_method) = (Coefficients::Analytic, RecoveryMethod::Point);
     if candidate.profile == ProfileChoice::Planned {
         // A single mode has no other recovery point.

@@ -313,7 +313,7 @@ fn all_candidates() -> Vec<ProfileCandidate> {
     let orders = (1..=MOST_ORDER).map(|order| ProfileChoice::Smooth { order });
     let moved = betas.chain(alphas).chain(orders).flat_map(|profile| {
         (0..=20).map(move |i| ProfileCandidate {
-            further: Some(0.1 * f64::from(i)),
+            beyond_edge: Some(0.1 * f64::from(i)),
             ..ProfileCandidate::planned(profile.clone())
         })
     });

@@ -191,6 +191,7 @@ pub fn preparations(evaluations: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::quantum::readout::random::Purpose;
+    use crate::quantum::test_support::exponent;
 
     fn stream(seed: u64) -> Stream {
         let purpose = Purpose { cell: 11, observable: 0, estimator: 0 };
@@ -206,17 +207,6 @@ mod tests {
             square += error * error / seeds as f64;
         }
         (mean, square.sqrt())
-    }
-
-    /// The slope of `log y` over `log x` by least squares.
-    fn exponent(points: &[(f64, f64)]) -> f64 {
-        let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
-        let n = logs.len() as f64;
-        let [x, y] =
-            [logs.iter().map(|p| p.0).sum::<f64>() / n, logs.iter().map(|p| p.1).sum::<f64>() / n];
-        let above: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
-        let below: f64 = logs.iter().map(|p| (p.0 - x) * (p.0 - x)).sum();
-        above / below
     }
 
     const OVERLAPS: [f64; 5] = [-0.83, -0.01, 0.0, 0.2, 0.6];

@@ -1,5 +1,6 @@
 //! The overlaps of the field at a cell, and the result of each estimator.
 
+use crate::base::row_major::position;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
 use crate::problem::case;
@@ -124,11 +125,11 @@ impl ReadoutContext<'_> {
     /// over `world`.
     pub(crate) fn sums(&self, world: &Group, cell: &[usize]) -> CellSums {
         let mut sums = self.sums_here(cell);
-        // The other ranks add zero bits.
-        let everywhere = |x: &mut f64| *x = f64::from_bits(world.sum_modulo(x.to_bits()));
-        sums.moments.iter_mut().for_each(everywhere);
-        sums.unweighted.iter_mut().for_each(everywhere);
-        everywhere(&mut sums.square);
+        let CellSums { moments, unweighted, square } = &mut sums;
+        let mut places: Vec<&mut f64> =
+            moments.iter_mut().chain(unweighted).chain([square]).collect();
+        let everywhere = world.gathered(places.iter().map(|x| **x).collect());
+        places.iter_mut().zip(everywhere).for_each(|(place, x)| **place = x);
         sums
     }
 
@@ -139,9 +140,7 @@ impl ReadoutContext<'_> {
         let velocities = self.factors.cells();
         let mut sums =
             CellSums { moments: Default::default(), unweighted: Default::default(), square: 0.0 };
-        if share.iter().zip(cell).all(|(range, i)| range.contains(i)) {
-            let place =
-                (share.iter().zip(cell)).fold(0, |p, (range, i)| p * range.len() + i - range.start);
+        if let Some(place) = position(share, cell) {
             let here = place * velocities..(place + 1) * velocities;
             let cells = self.source.field[here.clone()].iter().zip(&self.source.pi[here]);
             for ((f, pi), q) in cells.zip(self.factors.each()) {
@@ -251,32 +250,43 @@ impl ReadoutContext<'_> {
             Err(why) => return none(overlapping(&why)),
         };
         let within = |error: f64| from_state.map(|of| overlap.prefactor * error + of);
-        let bare_bound = within(repetitions.of_overlap(estimator));
         let bound = within(self.bound(estimator, repetitions, overlap.value));
         let (bare, estimate) = self.draw(row, estimator, overlap, repetitions).unzip();
+        let undrawn = overlapping("so many shots or evaluations are not emulated");
+        let effort = self.effort(estimator, repetitions, undrawn);
+        let mut measured = Measured { bound: self.labelled(bound), ..effort };
+        if let Some(estimate) = estimate {
+            set_estimate(&mut measured, estimate, estimator);
+        }
         let evolutions = self.evolutions(estimator, repetitions);
+        let bare_bound = within(repetitions.of_overlap(estimator));
+        MeasuredMoment { measured, estimate: bare, bound: bare_bound, evolutions }
+    }
+
+    /// The shots, evaluations and evolutions of a measurement; the rest as in `measured`.
+    fn effort(
+        &self,
+        estimator: OverlapEstimator,
+        repetitions: Repetitions,
+        measured: Measured,
+    ) -> Measured {
         let of_norm = self.norm_evolutions(estimator, repetitions);
-        let [repeated, coherent] = evolutions.clone();
+        let [repeated, coherent] = self.evolutions(estimator, repetitions);
         let coherent = match (coherent.value(), of_norm.value()) {
             (Some(x), Some(y)) => coherent.with(x + y),
             _ => coherent,
         };
-        let mut measured = Measured {
+        Measured {
             shots: LabelledNumber::exact(repetitions.shots),
-            bound: self.labelled(bound),
             evolutions_repeated: repeated,
             evolutions_coherent: coherent,
             evolutions_norm: of_norm,
-            ..overlapping("so many shots or evaluations are not emulated")
-        };
-        measured.evaluations = match estimator.coherent() {
-            true => LabelledNumber::exact(repetitions.evaluations),
-            false => LabelledNumber::unavailable("shots, and no amplitude estimation"),
-        };
-        if let Some(estimate) = estimate {
-            set_estimate(&mut measured, estimate, estimator);
+            evaluations: match estimator.coherent() {
+                true => LabelledNumber::exact(repetitions.evaluations),
+                false => LabelledNumber::unavailable("shots, and no amplitude estimation"),
+            },
+            ..measured
         }
-        MeasuredMoment { measured, estimate: bare, bound: bare_bound, evolutions }
     }
 
     /// Whether `C_f` is measured with this estimator.

@@ -1,5 +1,6 @@
 //! A row of the readout: an observable at a cell, and what each estimator gives of it.
 
+use crate::base::row_major::number;
 use crate::base::text::short;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 use crate::quantum::labelled_number::LabelledNumber;
@@ -196,7 +197,7 @@ impl ReadoutRow {
         let axes = || space.x.iter().zip(cell);
         Self {
             cell: cell.to_vec(),
-            number: axes().fold(0, |number, (axis, i)| number * axis.cells + i),
+            number: number(space.x.iter().map(|axis| axis.cells), cell.iter().copied()),
             point: axes().map(|(axis, &i)| axis.centre(i as i64)).collect(),
             observable,
             value: LabelledNumber::unavailable("not read"),

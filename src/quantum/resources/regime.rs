@@ -106,16 +106,7 @@ impl Regime {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Slope of `ln y` against `ln x`, by least squares.
-    fn exponent(points: &[(f64, f64)]) -> f64 {
-        let n = points.len() as f64;
-        let logs: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
-        let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / n;
-        let (x, y) = (mean(|p| p.0), mean(|p| p.1));
-        let over: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
-        over / logs.iter().map(|p| (p.0 - x).powi(2)).sum::<f64>()
-    }
+    use crate::quantum::test_support::exponent;
 
     /// The theorems of sections 4 to 6: queries `(ΣQ + n) n T ε^{−2}` or `ε^{−3}`, where `Q` itself
     /// grows like `ε^{−1/2}` or `ε^{−1}` with the number of velocity cells, and `n² T ε^{−(2n+1)}`

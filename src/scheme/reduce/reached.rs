@@ -246,9 +246,10 @@ fn filled(case: &Case, first: usize, of: usize) -> Result<Vec<ReachedPlane>> {
     let mut row = Row::default();
     let velocities = space.velocity_cells();
     let initial = &case.fields[0].initial;
+    let ranges = space.space_ranges();
     let mut enters = |element: &Cell| {
         scheme.as_ref().is_some_and(|scheme| {
-            case.space.cells_of(element).any(|index| {
+            case.space.cells_of(element, &ranges).any(|index| {
                 scheme.row(&mut row, index);
                 row.inflow[0] != 0.0
             })
@@ -378,6 +379,7 @@ mod tests {
         for (dimension, settings) in SCENES {
             let case = scene(dimension, settings);
             let (space, n) = (&case.space, case.space.dimension());
+            let ranges = space.space_ranges();
             let scheme = Scheme::whole(&case).expect("a potential");
             let mut row = Row::default();
             let elements = space.by_elements();
@@ -389,7 +391,7 @@ mod tests {
                     None => initial.eval(&space.point(element)) != 0.0,
                     Some(points) => points.find(space, initial, element),
                 })
-                .flat_map(|element| space.cells_of(&element))
+                .flat_map(|element| space.cells_of(&element, &ranges))
                 .collect();
             let mut reached = vec![false; space.cells()];
             let (mut before, mut now) = (0, 1);

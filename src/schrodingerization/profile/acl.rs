@@ -10,7 +10,7 @@
 
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
 use crate::schrodingerization::profile::window::{
-    ProfileRequirements, Window, best_window, summed_by_parts,
+    PlacedProfile, ProfileRequirements, best_window, summed_by_parts,
 };
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -31,7 +31,7 @@ pub struct Acl {
 
 impl Acl {
     /// The profile of `β` for `requirements`, and its window.
-    pub fn meeting(beta: f64, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+    pub fn meeting(beta: f64, requirements: &ProfileRequirements) -> Option<PlacedProfile<Self>> {
         best_window(Self::new(beta), 0.0, requirements)
     }
 

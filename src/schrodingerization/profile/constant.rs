@@ -26,7 +26,13 @@ impl Constant {
 impl Default for Constant {
     /// The profile with the period `2π`. Any other period gives the same.
     fn default() -> Self {
-        Self { series: Series { period: TAU, coefficients: vec![Complex64::ONE], alone: false } }
+        Self {
+            series: Series {
+                period: TAU,
+                coefficients: vec![Complex64::ONE],
+                last_is_unpaired: false,
+            },
+        }
     }
 }
 

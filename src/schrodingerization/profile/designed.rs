@@ -38,7 +38,7 @@ use crate::schrodingerization::profile::designed::circle::{Circle, TURN};
 use crate::schrodingerization::profile::designed::least_squares::minimiser;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::shape::{EstimatorQuality, Planned, ProfileForm};
-use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
+use crate::schrodingerization::profile::window::{PlacedProfile, ProfileRequirements, Window};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_2, PI, SQRT_2, TAU};
 
@@ -82,7 +82,7 @@ pub struct Designed {
 impl Designed {
     /// The design of about least work for `requirements`, read at `p◇ = 0` or the given point;
     /// `None` if round-off forbids it ([`possible`](Self::possible)).
-    pub fn meeting(requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+    pub fn meeting(requirements: &ProfileRequirements) -> Option<PlacedProfile<Self>> {
         if !Self::possible(requirements) {
             return None;
         }
@@ -119,7 +119,7 @@ impl Designed {
         };
         let domain = [point - requirements.growth, point + requirements.decay];
         let designed = Self { domain, error, series };
-        Some((designed, window))
+        Some(PlacedProfile { profile: designed, window })
     }
 
     /// Whether there is a design: `ε e^{−Λ⁺}` is not too small, the domain not too long, and the
@@ -371,7 +371,7 @@ impl Polynomial {
         Series {
             period: self.period,
             coefficients: (0i64..).zip(&self.coefficients).map(moved).collect(),
-            alone: false,
+            last_is_unpaired: false,
         }
     }
 }

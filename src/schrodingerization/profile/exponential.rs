@@ -19,7 +19,7 @@
 use crate::base::piecewise::{ORDERS, Piecewise};
 use crate::problem::case::Alpha;
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
-use crate::schrodingerization::profile::window::{ProfileRequirements, Window, best_window};
+use crate::schrodingerization::profile::window::{PlacedProfile, ProfileRequirements, best_window};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -35,7 +35,10 @@ pub struct Exponential {
 
 impl Exponential {
     /// The profile of `α` for `requirements`, and its window.
-    pub fn meeting(alpha: &Alpha, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+    pub fn meeting(
+        alpha: &Alpha,
+        requirements: &ProfileRequirements,
+    ) -> Option<PlacedProfile<Self>> {
         let profile = Self { alpha: alpha.clone() };
         let round_off = requirements.round_off * profile.excess();
         best_window(profile, 0.0, &ProfileRequirements { round_off, ..*requirements })

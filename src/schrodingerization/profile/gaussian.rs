@@ -13,7 +13,7 @@ use crate::problem::limits::SIGMAS;
 use crate::schrodingerization::profile::shape::{
     EstimatorQuality, Planned, ProfileForm, ProfileShape,
 };
-use crate::schrodingerization::profile::window::{ProfileRequirements, Window};
+use crate::schrodingerization::profile::window::{PlacedProfile, ProfileRequirements, Window};
 use num_complex::Complex64;
 use std::f64::consts::{PI, SQRT_2};
 
@@ -82,18 +82,18 @@ impl Gaussian {
     pub fn meeting(
         sigma: Option<f64>,
         requirements: &ProfileRequirements,
-    ) -> Option<(Self, Window)> {
+    ) -> Option<PlacedProfile<Self>> {
         let point = requirements.recovery.unwrap_or(0.0);
         let moved = |mut profile: Self| {
             profile.offset += point;
             let window =
                 Window { point, distance: 0.0, period: profile.period, cutoff: profile.cutoff };
-            (profile, window)
+            PlacedProfile { profile, window }
         };
         Self::candidates(sigma, requirements)
             .map(moved)
-            .filter(|(profile, window)| requirements.admits(profile, window))
-            .min_by(|(_, a), (_, b)| requirements.rank(a).total_cmp(&requirements.rank(b)))
+            .filter(|PlacedProfile { profile, window }| requirements.admits(profile, window))
+            .min_by(|a, b| requirements.rank(&a.window).total_cmp(&requirements.rank(&b.window)))
     }
 }
 
@@ -151,7 +151,7 @@ mod tests {
 
     fn plan(tolerance: f64, growth: f64, decay: f64, reach: f64) -> Option<Gaussian> {
         let requirements = ProfileRequirements::new(tolerance, growth, decay, reach);
-        Gaussian::meeting(None, &requirements).map(|(g, _)| g)
+        Gaussian::meeting(None, &requirements).map(|placed| placed.profile)
     }
 
     #[test]

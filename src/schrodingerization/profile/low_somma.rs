@@ -12,7 +12,7 @@
 
 use crate::base::bisect::bisect;
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
-use crate::schrodingerization::profile::window::{ProfileRequirements, Window, best_window};
+use crate::schrodingerization::profile::window::{PlacedProfile, ProfileRequirements, best_window};
 use num_complex::Complex64;
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
@@ -35,7 +35,10 @@ fn normal(x: f64) -> f64 {
 
 impl LowSomma {
     /// The cheapest for `requirements`, with `c` chosen unless it is given; read at `p◇ = Λ⁺ + c`.
-    pub fn meeting(c: Option<f64>, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+    pub fn meeting(
+        c: Option<f64>,
+        requirements: &ProfileRequirements,
+    ) -> Option<PlacedProfile<Self>> {
         // 0.25 to 16, in equal ratios.
         let planned: Vec<f64> = match (c, requirements.recovery) {
             (Some(c), _) => vec![c],
@@ -50,7 +53,8 @@ impl LowSomma {
             let requirements = ProfileRequirements { recovery: Some(point), ..*requirements };
             best_window(profile, c, &requirements)
         });
-        planned.min_by(|(_, a), (_, b)| requirements.rank(a).total_cmp(&requirements.rank(b)))
+        let rank = |placed: &PlacedProfile<Self>| requirements.rank(&placed.window);
+        planned.min_by(|a, b| rank(a).total_cmp(&rank(b)))
     }
 
     /// The profile of the largest `σ` with `|e^p g − 1| ≤ allowed` for `p ≥ c`.

@@ -13,7 +13,8 @@ pub struct Series {
     /// `c_l`, `l = 0, 1, …`; in JSON pairs of real and imaginary part.
     pub coefficients: Vec<Complex64>,
     /// Whether the last mode has no conjugate partner: for even `N_p`, the mode `−N_p/2` has none.
-    pub alone: bool,
+    #[serde(rename = "alone")]
+    pub last_is_unpaired: bool,
 }
 
 impl Series {
@@ -21,7 +22,11 @@ impl Series {
     /// periodic sum of `g`.
     pub fn analytic(period: f64, modes: usize, transform: impl Fn(f64) -> Complex64) -> Self {
         let coefficient = |l| transform(TAU * l as f64 / period) / period;
-        Self { period, coefficients: (0..modes).map(coefficient).collect(), alone: false }
+        Self {
+            period,
+            coefficients: (0..modes).map(coefficient).collect(),
+            last_is_unpaired: false,
+        }
     }
 
     /// The series of `points` modes `l = −N_p/2 … N_p/2 − 1`, with `N_p = points` even.
@@ -30,13 +35,13 @@ impl Series {
         points: usize,
         transform: impl Fn(f64) -> Complex64,
     ) -> Self {
-        Self { alone: true, ..Self::analytic(period, points / 2 + 1, transform) }
+        Self { last_is_unpaired: true, ..Self::analytic(period, points / 2 + 1, transform) }
     }
 
     /// `c_l = 1` for the modes `l = −N_p/2 … N_p/2 − 1`, `N_p` even: the series of a field whose
     /// modes are given.
     pub fn ones(period: f64, points: usize) -> Self {
-        Self { period, coefficients: vec![Complex64::ONE; points / 2 + 1], alone: true }
+        Self { period, coefficients: vec![Complex64::ONE; points / 2 + 1], last_is_unpaired: true }
     }
 
     /// `c_l = (1/N_p) Σ_k g(p_k) e^{−iμ_l p_k}`, `p_k = L + kP/N_p`, for the modes
@@ -52,7 +57,7 @@ impl Series {
         for (l, c) in samples.iter_mut().enumerate() {
             *c *= Complex64::new(0.0, -TAU * l as f64 * (lower / period)).exp();
         }
-        Self { period, coefficients: samples, alone: true }
+        Self { period, coefficients: samples, last_is_unpaired: true }
     }
 
     /// Number of modes `l ≥ 0`.
@@ -66,14 +71,14 @@ impl Series {
     }
 
     /// Whether mode `l` has no conjugate partner `−l` in the series.
-    pub fn is_alone(&self, l: usize) -> bool {
-        l == 0 || (self.alone && l + 1 == self.modes())
+    pub fn is_unpaired(&self, l: usize) -> bool {
+        l == 0 || (self.last_is_unpaired && l + 1 == self.modes())
     }
 
     /// Factor of `w_l` in a real sum over all modes: twice the coefficient if `−l` is in the
     /// series.
     pub fn factor(&self, l: usize) -> Complex64 {
-        self.coefficients[l] * if self.is_alone(l) { 1.0 } else { 2.0 }
+        self.coefficients[l] * if self.is_unpaired(l) { 1.0 } else { 2.0 }
     }
 
     /// The series at `p`.
@@ -89,7 +94,7 @@ impl Series {
 /// [`points_of_modes`].
 pub fn points(series: &Series) -> usize {
     let modes = series.modes();
-    if series.alone && modes > 1 { 2 * (modes - 1) } else { points_of_modes(modes) }
+    if series.last_is_unpaired && modes > 1 { 2 * (modes - 1) } else { points_of_modes(modes) }
 }
 
 /// The number of points for `modes` modes `l ≥ 0` with their partners: the least even number

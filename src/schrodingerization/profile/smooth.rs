@@ -24,10 +24,10 @@
 //!     + Σ_{k>r} (q^{(k)}(−1) e^{iμ} − q^{(k)}(0)) (iμ)^{−k−1}.
 //! ```
 
-use crate::base::quadrature::gauss_legendre;
+use crate::base::quadrature::{gauss_legendre, legendre_values};
 use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
 use crate::schrodingerization::profile::window::{
-    ProfileRequirements, Window, best_window, summed_by_parts,
+    PlacedProfile, ProfileRequirements, best_window, summed_by_parts,
 };
 use num_complex::Complex64;
 use std::f64::consts::E;
@@ -62,7 +62,10 @@ fn factorial(n: usize) -> f64 {
 
 impl Smooth {
     /// The profile of `r = order` for `requirements`, and its window.
-    pub fn meeting(order: usize, requirements: &ProfileRequirements) -> Option<(Self, Window)> {
+    pub fn meeting(
+        order: usize,
+        requirements: &ProfileRequirements,
+    ) -> Option<PlacedProfile<Self>> {
         best_window(Self::new(order), 0.0, requirements)
     }
 
@@ -110,12 +113,8 @@ impl Smooth {
             let t = point.node;
             let point = point.moved_to([-1.0, 0.0]);
             let part = point.weight * self.polynomial(point.node);
-            let [mut before, mut legendre] = [0.0, 1.0];
-            for (k, sum) in sums.iter_mut().enumerate() {
+            for (sum, legendre) in sums.iter_mut().zip(legendre_values(count - 1, t)) {
                 *sum += part * legendre;
-                let k = k as f64;
-                let next = ((2.0 * k + 1.0) * t * legendre - k * before) / (k + 1.0);
-                [before, legendre] = [legendre, next];
             }
         }
         let scaled = |(k, sum): (usize, f64)| {

@@ -49,7 +49,7 @@ fn all_profiles() -> Vec<(Choice, &'static [f64])> {
     profiles().into_iter().chain([jump]).collect()
 }
 
-fn planned(choice: &Choice, requirements: &ProfileRequirements) -> (Profile, Window) {
+fn planned(choice: &Choice, requirements: &ProfileRequirements) -> PlacedProfile<Profile> {
     Profile::plan(choice, requirements).unwrap_or_else(|| panic!("{choice:?} {requirements:?}"))
 }
 
@@ -84,7 +84,8 @@ fn samples(g: &dyn ProfileShape) -> Vec<[f64; 2]> {
 #[test]
 fn coefficients_are_the_transform_of_the_values() {
     for (choice, _) in profiles() {
-        let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 5.0, 0.0));
+        let PlacedProfile { profile, .. } =
+            planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 5.0, 0.0));
         let g = shape(&profile);
         let samples = samples(g);
         for mu in [0.0, 0.4, 1.7, 6.3, 20.0] {
@@ -108,9 +109,9 @@ fn a_formula_without_p_is_the_constant() {
         assert_ne!(constant, formula);
         for (growth, decay) in [(0.0, 3.0), (0.375, 40.0)] {
             let requirements = ProfileRequirements::new(1e-2, growth, decay, 0.0);
-            let [(a, of_constant), (b, of_formula)] =
+            let [of_constant, of_formula] =
                 [&constant, &formula].map(|choice| planned(choice, &requirements));
-            let [g, h] = [shape(&a), shape(&b)];
+            let [g, h] = [&of_constant, &of_formula].map(|placed| shape(&placed.profile));
             for mu in [0.0, 0.4, 7.0, 33.0, 400.0, 1e4] {
                 let error = (g.coefficient(mu) - h.coefficient(mu)).norm();
                 assert!(error < 1e-14 * g.coefficient(0.0).norm(), "{alpha} {mu}: {error:e}");
@@ -119,8 +120,9 @@ fn a_formula_without_p_is_the_constant() {
                 let error = (g.value(p) - h.value(p)).abs();
                 assert!(error < 1e-13, "{alpha} {p}: {error:e}");
             }
-            let modes = [of_constant, of_formula].map(|w| w.modes(w.period));
-            assert_eq!(of_constant.point, of_formula.point);
+            let windows = [of_constant.window, of_formula.window];
+            let modes = windows.map(|w| w.modes(w.period));
+            assert_eq!(windows[0].point, windows[1].point);
             // The bound of a formula may be the smaller one.
             assert!(modes[1] < 1.02 * modes[0], "{alpha}: {modes:?}");
         }
@@ -177,7 +179,8 @@ fn periodic(g: &dyn ProfileShape, period: f64, p: f64) -> f64 {
 #[test]
 fn tails_bound_the_truncation_error() {
     for (choice, _) in all_profiles() {
-        let (profile, window) = planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 30.0, 0.0));
+        let PlacedProfile { profile, window } =
+            planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 30.0, 0.0));
         let (g, period) = (shape(&profile), window.period);
         for mu in [2.0, 5.0, 17.0] {
             let modes = (mu * period / (2.0 * PI)) as usize + 1;
@@ -210,7 +213,8 @@ fn rounding_is_amplified_as_planned() {
         if choice == GAUSSIAN {
             continue;
         }
-        let (profile, window) = planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 30.0, 0.0));
+        let PlacedProfile { profile, window } =
+            planned(&choice, &ProfileRequirements::new(1e-2, 0.1, 30.0, 0.0));
         let modes = window.modes(window.period) as usize;
         let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
         let sum: f64 = (0..modes).map(|l| series.factor(l).norm()).sum();
@@ -248,7 +252,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
                     assert!(least > tolerance && least < 1e-7, "{choice:?}: {least:e}");
                     continue;
                 }
-                let (profile, window) = planned(&choice, &requirements);
+                let PlacedProfile { profile, window } = planned(&choice, &requirements);
                 let modes = window.modes(window.period) as usize;
                 let series =
                     Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
@@ -258,7 +262,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
 
                 requirements.sampled = true;
                 requirements.truncation = 0.2;
-                let (profile, window) = planned(&choice, &requirements);
+                let PlacedProfile { profile, window } = planned(&choice, &requirements);
                 let interval = requirements.ends(shape(&profile), &window);
                 let modes = window.modes(interval[1] - interval[0]) as usize;
                 if modes > 20_000 {
@@ -281,7 +285,7 @@ fn series_is_the_exponential_on_the_domain_of_dependence() {
 fn series_reach_as_far_as_readings() {
     for (choice, tolerances) in all_profiles() {
         let requirements = ProfileRequirements::new(tolerances[0], 0.375, 10.0, 1.5);
-        let (profile, window) = planned(&choice, &requirements);
+        let PlacedProfile { profile, window } = planned(&choice, &requirements);
         let modes = window.modes(window.period) as usize;
         let series = Series::analytic(window.period, modes, |mu| shape(&profile).coefficient(mu));
         let error = worst(&series, &requirements, &window);
@@ -294,7 +298,8 @@ fn series_reach_as_far_as_readings() {
 #[test]
 fn coefficients_of_samples_are_sums_of_analytic_ones() {
     for (choice, _) in profiles() {
-        let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-2, 0.0, 5.0, 0.0));
+        let PlacedProfile { profile, .. } =
+            planned(&choice, &ProfileRequirements::new(1e-2, 0.0, 5.0, 0.0));
         let g = shape(&profile);
         let interval: [f64; 2] = [-45.0, 40.0];
         let (period, points) = (interval[1] - interval[0], 340);
@@ -390,7 +395,8 @@ fn orders_in_the_number_of_points() {
         (Choice::Smooth { order: 3 }, 4.0, [3840, 15360]),
     ];
     for (choice, expected, points) in rows {
-        let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-2, 0.0, 5.0, 0.0));
+        let PlacedProfile { profile, .. } =
+            planned(&choice, &ProfileRequirements::new(1e-2, 0.0, 5.0, 0.0));
         for sampled in [true, false] {
             // Cell sizes that divide 1: the corner is on the grid, or a third of a cell from a
             // point of the coarse and of the fine grid.
@@ -413,7 +419,8 @@ fn orders_in_the_number_of_points() {
     for (choice, points) in
         [(GAUSSIAN, 20), (Choice::LowSomma { c: Some(2.0) }, 30), (Choice::Acl { beta: 0.75 }, 80)]
     {
-        let (profile, _) = planned(&choice, &ProfileRequirements::new(1e-9, 0.0, 5.0, 0.0));
+        let PlacedProfile { profile, .. } =
+            planned(&choice, &ProfileRequirements::new(1e-9, 0.0, 5.0, 0.0));
         let g = shape(&profile);
         let found = [1, 2].map(|k| order(g, 1.0, 0.0, [k * points, 2 * k * points], false));
         assert!(found[0] > 1.0 && found[1] > found[0] + 0.7, "{profile}: {found:?}");

@@ -143,6 +143,22 @@ pub struct Window {
     pub cutoff: f64,
 }
 
+/// A profile and its window.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlacedProfile<P> {
+    /// The profile.
+    pub profile: P,
+    /// Its window.
+    pub window: Window,
+}
+
+impl<P> PlacedProfile<P> {
+    /// The same with another type of the profile.
+    pub fn converted<Q: From<P>>(self) -> PlacedProfile<Q> {
+        PlacedProfile { profile: self.profile.into(), window: self.window }
+    }
+}
+
 impl Window {
     /// Modes `l ≥ 0` up to the cut-off with this period; as a float, since there may be too many to
     /// count.
@@ -158,7 +174,7 @@ pub fn best_window<P: ProfileShape>(
     profile: P,
     edge: f64,
     requirements: &ProfileRequirements,
-) -> Option<(P, Window)> {
+) -> Option<PlacedProfile<P>> {
     let planned = [0.0, 1.0].map(|further| requirements.growth + edge + further);
     let points = match &requirements.recovery {
         Some(point) => std::slice::from_ref(point),
@@ -168,7 +184,7 @@ pub fn best_window<P: ProfileShape>(
         .filter_map(|&point| window(&profile, edge, requirements, point))
         .filter(|w| requirements.admits(&profile, w))
         .min_by(|a, b| requirements.rank(a).total_cmp(&requirements.rank(b)))?;
-    Some((profile, window))
+    Some(PlacedProfile { profile, window })
 }
 
 fn window(

@@ -11,8 +11,9 @@
 //! | | the kept modes: a complex number a row, mode after mode |
 //! | 1 | checksum of all words before ([`crate::base::checksum`]) |
 
-use crate::base::checksum::of_run;
+use crate::base::checksum::run_checksum;
 use crate::base::disk::open_regular;
+use crate::base::row_major::volume;
 use crate::parallel::partition::common_runs;
 use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
@@ -69,7 +70,7 @@ struct PartOffsets {
 impl Header {
     /// Rows of a kept mode.
     fn rows(&self) -> usize {
-        points(&self.block) * self.velocity_cells + self.auxiliary
+        volume(&self.block) * self.velocity_cells + self.auxiliary
     }
 
     /// The offsets of its parts; `None` if they overflow.
@@ -99,7 +100,7 @@ impl Header {
         let is_box = |ranges: &[Range<usize>], other: &[Range<usize>]| {
             ranges.len() == other.len() && ranges.iter().all(|range| range.start <= range.end)
         };
-        let (block, share) = (points(to.block), points(to.share));
+        let (block, share) = (volume(to.block), volume(to.share));
         let sums = to.sums.iter().map(|sum| sum.len());
         let results = to.results.iter().map(Vec::len);
         is_box(&self.block, to.block)
@@ -111,11 +112,6 @@ impl Header {
                 modes.rows() == cells.saturating_add(auxiliary.len())
             })
     }
-}
-
-/// Number of points of a box of space cells.
-pub fn points(ranges: &[Range<usize>]) -> usize {
-    ranges.iter().map(Range::len).product()
 }
 
 /// The record of a written file.
@@ -168,7 +164,8 @@ struct FileWriter {
 impl FileWriter {
     fn put(&mut self, words: impl Iterator<Item = u64>) -> Result<()> {
         for word in words {
-            self.checksum = (self.checksum).wrapping_add(of_run(self.words, std::iter::once(word)));
+            self.checksum =
+                (self.checksum).wrapping_add(run_checksum(self.words, std::iter::once(word)));
             self.words += 1;
             self.file.write_all(&word.to_le_bytes())?;
         }
@@ -192,7 +189,7 @@ pub fn check(path: &Path, written: &FileRecord) -> std::result::Result<(), Strin
     }
     let (count, mut sum, mut last) = (bytes as usize / 8 - 1, 0u64, 0);
     read_words(&file, 0, count, |at, words| {
-        sum = sum.wrapping_add(of_run(at as u64, words.iter().copied()));
+        sum = sum.wrapping_add(run_checksum(at as u64, words.iter().copied()));
     })
     .and_then(|()| read_words(&file, count, 1, |_, words| last = words[0]))
     .map_err(|e| e.to_string())?;
@@ -319,7 +316,7 @@ impl RankFile {
                     into[at..].iter_mut().zip(words).for_each(|(number, &word)| put(number, word));
                 })?;
             }
-            first += points(from) * width;
+            first += volume(from) * width;
         }
         Ok(())
     }
@@ -340,8 +337,8 @@ impl RankFile {
         })?;
         let runs = common_runs(&header.block, to.block);
         let velocities = header.velocity_cells;
-        let from_cells = points(&header.block) * velocities;
-        let to_cells = points(to.block) * velocities;
+        let from_cells = volume(&header.block) * velocities;
+        let to_cells = volume(to.block) * velocities;
         for (k, &(mode, progress)) in header.kept.iter().enumerate() {
             let Some(rows) = modes.replace(mode, progress) else {
                 continue;

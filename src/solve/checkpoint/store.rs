@@ -156,10 +156,6 @@ impl Store {
         }
     }
 
-    fn generation(&self, number: u64) -> PathBuf {
-        generation(&self.directory, number)
-    }
-
     /// Writes a generation, and removes those before the last; returns the number of finished
     /// modes. The generation counts only if this succeeds. Collective.
     ///
@@ -175,7 +171,7 @@ impl Store {
         let number = world.broadcast_text(&self.next.to_string());
         let number = number.parse().unwrap_or(self.next);
         self.next = number + 1;
-        let directory = self.generation(number);
+        let directory = generation(&self.directory, number);
         let is_first = world.is_first();
         let written = self.write_files(world, mesh, number, &directory, snapshot);
         if written.is_err() {
@@ -189,7 +185,7 @@ impl Store {
         if is_first {
             for old in generations(&self.directory) {
                 if old != number && Some(old) != before {
-                    let _ = remove(&self.generation(old));
+                    let _ = remove(&generation(&self.directory, old));
                 }
             }
         }
@@ -280,7 +276,7 @@ impl Store {
         found = serde_json::from_str(&text).unwrap_or_default();
         let (mut refused, mut damaged) = (0, 0);
         for number in found {
-            let path = self.generation(number);
+            let path = generation(&self.directory, number);
             let text = match world.rank() {
                 0 => read_text(&path.join(MANIFEST)).unwrap_or_default(),
                 _ => String::new(),
@@ -316,7 +312,7 @@ impl Store {
 
     /// A generation with this manifest, if it is valid. Collective.
     fn checked(&self, world: &Group, number: u64, text: &str) -> Result<Generation> {
-        let path = self.generation(number);
+        let path = generation(&self.directory, number);
         let refuse = |reason: String| failure(&path, &reason);
         let manifest = self.manifest(number, text)?;
         let mine = (world.rank()..manifest.files.len()).step_by(world.size());
@@ -338,7 +334,7 @@ impl Store {
     /// # Errors
     /// [`Error::Checkpoint`] and [`Error::AnotherRun`].
     pub(super) fn manifest(&self, number: u64, text: &str) -> Result<Manifest> {
-        let path = self.generation(number);
+        let path = generation(&self.directory, number);
         let manifest = Manifest::parse(text, number).map_err(|reason| failure(&path, &reason))?;
         if let Some(reason) = self.fingerprint.difference(&manifest.fingerprint) {
             return Err(Error::AnotherRun { path, reason });
@@ -355,7 +351,7 @@ impl Store {
 
     /// Whether the file of `rank` is the one that was written.
     pub(super) fn check_file(&self, manifest: &Manifest, rank: usize) -> Result<()> {
-        let path = rank_file(&self.generation(manifest.generation), rank);
+        let path = rank_file(&generation(&self.directory, manifest.generation), rank);
         let refuse = |reason: String| failure(&path, &reason);
         file::check(&path, &manifest.files[rank]).map_err(refuse)?;
         let Header { fingerprint, generation, rank: found, .. } = open(&path)?.header;
@@ -370,7 +366,7 @@ impl Store {
 
     /// Progress of all mode groups together, and the widths of the results, as text.
     pub(super) fn read_state(&self, manifest: &Manifest) -> Result<String> {
-        let directory = self.generation(manifest.generation);
+        let directory = generation(&self.directory, manifest.generation);
         let blocks = manifest.mesh.blocks();
         let first = open(&rank_file(&directory, 0))?.header;
         let mut state = first.state;
@@ -378,14 +374,6 @@ impl Store {
             state.add(open(&rank_file(&directory, group * blocks))?.header.state);
         }
         serde_json::to_string(&(state, first.results)).map_err(|e| failure(&directory, &e))
-    }
-
-    /// Removes all checkpoints at the end of the run, as [`remove_all`].
-    ///
-    /// # Errors
-    /// The error of the file system.
-    pub fn remove(&self) -> std::io::Result<()> {
-        remove_all(&self.directory)
     }
 }
 

@@ -5,6 +5,7 @@
 mod fuzzing;
 
 use super::*;
+use crate::base::row_major::volume;
 use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::solve::checkpoint::file::{self, Header, RankFile, ReadDestination};
@@ -36,7 +37,7 @@ fn space(x: &[usize]) -> PhaseSpace {
 
 /// The test value of array `array` at number `index` of the whole grid.
 fn value(array: usize, index: usize) -> u64 {
-    crate::base::checksum::of_run((1000 * array + index) as u64, std::iter::once(7))
+    crate::base::checksum::run_checksum((1000 * array + index) as u64, std::iter::once(7))
 }
 
 fn real(array: usize, index: usize) -> f64 {
@@ -203,13 +204,13 @@ impl<'a> Rank<'a> {
     /// Reads the rank's parts of the files that the ranks of `from` wrote, and compares results and
     /// modes; returns the rank's part of the sums.
     fn read(&self, directory: &Path, from: &ProcessMesh) -> Vec<Vec<i64>> {
-        let own = file::points(&self.block);
+        let own = volume(&self.block);
         let sum = |width: &usize| vec![0; 2 * width * own];
         let mut sums: Vec<Vec<i64>> = SUMS.iter().map(sum).collect();
         let behind = self.auxiliary();
         let cells = own * self.space.velocity_cells();
         let mut kept = RankModes::new(cells + behind.len(), self.modes.clone());
-        let result = |width: &usize| vec![0.0; width * file::points(&self.share)];
+        let result = |width: &usize| vec![0.0; width * volume(&self.share)];
         let mut into = ReadDestination {
             block: &self.block,
             share: &self.share,
@@ -272,7 +273,7 @@ fn files_of_a_mesh_are_read_on_any_other() {
 /// ranks are complete.
 fn read_all(directory: &Path, space: &PhaseSpace, from: &ProcessMesh, to: &ProcessMesh) {
     let whole = space.space_ranges();
-    let sum = |width: &usize| vec![0; 2 * width * file::points(&whole)];
+    let sum = |width: &usize| vec![0; 2 * width * volume(&whole)];
     let mut sums: Vec<Vec<i64>> = SUMS.iter().map(sum).collect();
     for rank in Rank::all(space, to) {
         let own = global_points(space, &rank.block);
@@ -413,12 +414,12 @@ fn changed_manifests_are_refused_or_read() {
 
 /// Whether `rank` can read the file.
 fn is_read(file: &RankFile, rank: &Rank<'_>) -> bool {
-    let own = file::points(&rank.block);
+    let own = volume(&rank.block);
     let mut sums: Vec<Vec<i64>> = SUMS.iter().map(|width| vec![0; 2 * width * own]).collect();
     let behind = rank.auxiliary();
     let rows = own * rank.space.velocity_cells() + behind.len();
     let mut kept = RankModes::new(rows, rank.modes.clone());
-    let result = |width: &usize| vec![0.0; width * file::points(&rank.share)];
+    let result = |width: &usize| vec![0.0; width * volume(&rank.share)];
     let mut into = ReadDestination {
         block: &rank.block,
         share: &rank.share,

@@ -45,11 +45,12 @@ pub fn predict_solve_time(
     let norms: Vec<f64> = match &given {
         Some(given) if given.norm > 0.0 => vec![given.norm; prepared.system.states.len()],
         _ => (prepared.system.states.iter())
-            .map(|state| prepared.system.norm(&prepared.communicator, state, false))
+            .map(|state| prepared.system.norm(&prepared.communicator, state))
             .collect(),
     };
     let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
-    let DiscreteSystem { matrix, exchange, states, weights, schedule, terms, .. } = system;
+    let DiscreteSystem { matrix, exchange, states, weights, schedule, norm_terms: terms, .. } =
+        system;
     let rows = matrix.rows();
     let factors = VelocityFactors::new(&case.space);
     let mut trials = ModeTrials {
@@ -154,7 +155,7 @@ impl<'a> ModeTrials<'a> {
             space: &self.communicator.space,
             bounds: &self.plan.bounds,
             time: self.case.duration(),
-            terms: self.terms,
+            norm_terms: self.terms,
             interruption: Interruption::default(),
         };
         let mut kept = self.warp.points.map(|_| {

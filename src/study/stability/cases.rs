@@ -70,10 +70,10 @@ pub fn assembled(world: &World, case: &Case) -> Result<Prepared> {
 /// `λ⁺` of an assembled case. Collective.
 ///
 /// # Errors
-/// As [`spectrum::of`].
+/// As [`spectrum::find`].
 pub fn growth(found: &mut Prepared) -> Result<f64> {
     let space = &found.communicator.space;
-    let (extremes, _) = spectrum::of(&mut found.system, space, LANCZOS)?;
+    let (extremes, _) = spectrum::find(&mut found.system, space, LANCZOS)?;
     Ok(extremes.highest.value)
 }
 

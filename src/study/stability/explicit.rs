@@ -119,13 +119,13 @@ impl<'a> ExplicitSteps<'a> {
         let mut largest = 1.0f64;
         for pattern in &self.patterns[..test.patterns] {
             let mut state = pattern.clone();
-            let start = if self.of_norm { system.norm(communicator, &state, false) } else { 1.0 };
+            let start = if self.of_norm { system.norm(communicator, &state) } else { 1.0 };
             let mut mine = 0.0f64;
             for step in 1..=test.steps {
                 let exchange = &mut system.exchange;
                 classical.steps(exchange, &mut state, integrator, cfl / self.rate, 1);
                 if self.of_norm {
-                    mine = mine.max(system.norm(communicator, &state, false) / start);
+                    mine = mine.max(system.norm(communicator, &state) / start);
                 } else {
                     mine = state[..rows].iter().fold(mine, |m, x| m.max(x.abs()));
                 }

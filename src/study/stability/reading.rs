@@ -40,10 +40,10 @@ impl SpectrumExtent {
     /// The ends of the spectrum, measured by Lanczos' method. Collective.
     ///
     /// # Errors
-    /// As [`spectrum::of`].
+    /// As [`spectrum::find`].
     pub fn measured(reference: &mut ReferenceProblem, time: f64) -> Result<Self> {
         let (problem, communicator) = reference.parts();
-        let (found, _) = spectrum::of(problem, &communicator.space, LANCZOS)?;
+        let (found, _) = spectrum::find(problem, &communicator.space, LANCZOS)?;
         Ok(Self { growth: found.highest.value * time, decay: -found.lowest.value * time })
     }
 

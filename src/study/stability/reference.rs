@@ -59,11 +59,11 @@ impl ReferenceProblem {
     fn propagate(&mut self, time: f64) {
         let Prepared { system, communicator, rank_cells, bounds, .. } = &mut self.prepared;
         for mut state in system.states.clone() {
-            let before = system.norm(communicator, &state, false);
+            let before = system.norm(communicator, &state);
             let (exchange, span) =
                 (&mut system.exchange, ClassicalSpan { rate: bounds.rate, time });
             Classical::new(&system.matrix).exponential(exchange, &mut state, span, EXACT);
-            let after = system.norm(communicator, &state, true);
+            let after = system.field_norm(communicator, &state);
             if after > 0.0 {
                 self.ratio = self.ratio.max(before / after);
             }

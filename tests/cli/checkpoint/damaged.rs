@@ -7,7 +7,7 @@ use crate::support::{
     Job, Summary, case, check_all, copy, datasets, differences, directory_on_disk as directory,
     of_case,
 };
-use phasewarp::matrix::kernel::{InstructionSet, VARIABLE};
+use phasewarp::matrix::kernel::{INSTRUCTION_SET_VARIABLE, InstructionSet};
 use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
@@ -138,7 +138,8 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     // The checkpoint of a processor that rounds differently.
     if InstructionSet::here() != InstructionSet::Generic {
-        let other = run().on(2).environment(VARIABLE, InstructionSet::Generic.name());
+        let other =
+            run().on(2).environment(INSTRUCTION_SET_VARIABLE, InstructionSet::Generic.name());
         let finished = go_on(other, sound.path());
         assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
         let printed = finished.errors.contains("was computed with fused multiply-adds");

@@ -10,6 +10,7 @@ use phasewarp::problem::grid::{Axis, Cell};
 use phasewarp::problem::potential::{JumpKind, Potential};
 use phasewarp::scheme::interface::energy::{FaceCoupling, FaceSide};
 use phasewarp::scheme::interface::velocity;
+use phasewarp::scheme::row::InflowSource;
 use phasewarp::scheme::rows::{Row, Scheme};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -335,7 +336,7 @@ fn inflow_is_that_of_the_ends() {
         let mut row = Row::default();
         for i in 0..case.space.cells() {
             scheme.row(&mut row, i);
-            for (_, point) in &row.ghosts {
+            for InflowSource { point, .. } in &row.sources {
                 let at = |axis: &Axis, x: f64| {
                     let round_off = 1e-12 * (axis.upper - axis.lower);
                     x <= axis.lower + round_off || x >= axis.upper - round_off

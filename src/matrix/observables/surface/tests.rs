@@ -114,7 +114,6 @@ fn density_converges_with_the_degree() {
         let [coarse, fine] =
             [1, 2].map(|finer| relative_l1(&streamed(0.5, degree, finer * elements)));
         let order = (coarse / fine).log2();
-        println!("degree {degree}: {coarse:.2e}, {fine:.2e}, order {order:.2}");
         // The exact averages have errors of 2e-8.
         assert!(
             fine < 3e-3 && (order > degree as f64 - 0.3 || fine < 1e-7),

@@ -63,7 +63,8 @@ fn double_zeros_are_no_zeros() {
     let mut lowered = with_roots(&[0.3, 0.3], 1.0);
     lowered.iter_mut().for_each(|c| *c -= 1e-10);
     let pair = zeros(vec![lowered], &[3]);
-    assert!(pair.len() == 2 && (pair[0][0] - pair[1][0]).abs() - 2e-5 < 1e-9, "{pair:?}");
+    assert_eq!(pair.len(), 2, "{pair:?}");
+    assert!(((pair[0][0] - pair[1][0]).abs() - 2e-5).abs() < 1e-9, "{pair:?}");
     assert!(zeros(vec![vec![0.0; 3]], &[3]).is_empty());
     assert!(zeros(vec![vec![1.0]], &[1]).is_empty());
 }

@@ -60,18 +60,21 @@ fn table_of_designs() {
                 let tolerance = 10f64.powi(-digits);
                 let requirements = ProfileRequirements::new(tolerance, growth, decay, 1.0);
                 let started = Instant::now();
-                let Some((g, window)) = Designed::meeting(&requirements) else {
+                let Some(PlacedProfile { profile: g, window }) = Designed::meeting(&requirements)
+                else {
                     println!("{decay} {growth} {tolerance:e} | none");
                     continue;
                 };
                 let seconds = started.elapsed().as_secs_f64();
                 let modes = g.series.modes();
                 let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
-                let gaussian =
-                    Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &requirements)
-                        .map_or(0, |(_, w)| {
-                            applications(&requirements, w.period, w.modes(w.period) as usize)
-                        });
+                let gaussian = Profile::plan(
+                    &ProfileChoice::Gaussian { sigma: None },
+                    &requirements,
+                )
+                .map_or(0, |PlacedProfile { window: w, .. }| {
+                    applications(&requirements, w.period, w.modes(w.period) as usize)
+                });
                 println!(
                     "{decay:4} {growth:5} {tolerance:e} | {:5.1} {:.3} {modes:4} {:7} {:.2} {:.3} \
                     {seconds:.4} | {gaussian}",
@@ -103,7 +106,8 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 let requirements =
                     ProfileRequirements::new(10f64.powi(-digits), growth, decay, 1.0);
                 let what = format!("{decay} {growth} 1e-{digits}");
-                let (g, window) = Designed::meeting(&requirements).expect(&what);
+                let PlacedProfile { profile: g, window } =
+                    Designed::meeting(&requirements).expect(&what);
                 let error = worst(&requirements, &g.series);
                 assert!(error < 0.8, "{what}: {error}");
                 let reported = g.error / requirements.tolerance;
@@ -112,14 +116,16 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
                 let sum: f64 = (0..modes).map(|l| g.series.factor(l).norm()).sum();
                 assert!(sum <= requirements.tolerance / (20.0 * f64::EPSILON), "{what}: {sum:e}");
                 let own = applications(&requirements, window.period, modes);
-                let (_, w) = Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &requirements)
-                    .expect(&what);
+                let PlacedProfile { window: w, .. } =
+                    Profile::plan(&ProfileChoice::Gaussian { sigma: None }, &requirements)
+                        .expect(&what);
                 let gaussian = applications(&requirements, w.period, w.modes(w.period) as usize);
                 let factor = if own > 300 { 3 } else { 2 };
                 assert!(factor * own <= gaussian, "{what}: {own}, {gaussian}");
                 // The plan contains this design.
                 let planned = Profile::plan(&ProfileChoice::Planned, &requirements);
-                assert_eq!(planned, Some((Profile::Designed(g), window)), "{what}");
+                let own = PlacedProfile { profile: Profile::Designed(g), window };
+                assert_eq!(planned, Some(own), "{what}");
             }
         }
     }
@@ -131,7 +137,7 @@ fn series_is_the_exponential_and_cheaper_than_the_gaussian() {
 fn cut_off_is_near_the_optimum() {
     for digits in [6, 9, 11] {
         let requirements = ProfileRequirements::new(10f64.powi(-digits), 0.0, 300.0, 0.0);
-        let (_, window) = Designed::meeting(&requirements).expect("possible");
+        let PlacedProfile { window, .. } = Designed::meeting(&requirements).expect("possible");
         let least = (FRAC_PI_2
             * crate::schrodingerization::profile::designed::digits(&requirements)
             / MOST_CANCELLATION)
@@ -165,7 +171,7 @@ fn refused_where_it_is_not_possible() {
         assert_eq!(Profile::plan(&ProfileChoice::Designed, &by_hand), None);
         assert!(matches!(
             Profile::plan(&ProfileChoice::Planned, &by_hand),
-            Some((Profile::Gaussian(_), _))
+            Some(PlacedProfile { profile: Profile::Gaussian(_), .. })
         ));
     }
 }
@@ -174,9 +180,10 @@ fn refused_where_it_is_not_possible() {
 #[test]
 fn recovery_point_by_hand_moves_it() {
     let mut requirements = ProfileRequirements::new(1e-6, 0.2, 30.0, 1.0);
-    let (zero, _) = Designed::meeting(&requirements).expect("possible");
+    let PlacedProfile { profile: zero, .. } = Designed::meeting(&requirements).expect("possible");
     requirements.recovery = Some(2.5);
-    let (moved, window) = Designed::meeting(&requirements).expect("possible");
+    let PlacedProfile { profile: moved, window } =
+        Designed::meeting(&requirements).expect("possible");
     assert_eq!((window.point, moved.domain), (2.5, [2.3, 32.5]));
     for p in [-0.2, 0.0, 1.0, 17.0, 31.0] {
         let (a, b) = (zero.series.value(p), 2.5f64.exp() * moved.series.value(p + 2.5));
@@ -201,7 +208,7 @@ fn extreme_demands_are_met_or_refused() {
                 let requirements = ProfileRequirements::new(tolerance, growth, decay, reach);
                 let found = Designed::meeting(&requirements);
                 assert_eq!(found.is_some(), Designed::possible(&requirements), "{requirements:?}");
-                if let Some((g, _)) = found {
+                if let Some(PlacedProfile { profile: g, .. }) = found {
                     let error = worst(&requirements, &g.series);
                     assert!(error < 0.8, "{requirements:?}: {error}");
                 }
@@ -222,10 +229,13 @@ fn modes_of_single_precision() {
             let double = ProfileRequirements::new(10f64.powi(-digits), 0.0, decay, 1.0);
             let single = ProfileRequirements { round_off: f64::from(f32::EPSILON), ..double };
             let [double, single] = [double, single].map(|requirements| {
-                Designed::meeting(&requirements).map_or("none".to_owned(), |(g, window)| {
-                    let modes = g.series.modes();
-                    format!("{modes}, {}", applications(&requirements, window.period, modes))
-                })
+                Designed::meeting(&requirements).map_or(
+                    "none".to_owned(),
+                    |PlacedProfile { profile: g, window }| {
+                        let modes = g.series.modes();
+                        format!("{modes}, {}", applications(&requirements, window.period, modes))
+                    },
+                )
             });
             println!("{decay} 1e-{digits} | {double} | {single}");
         }
