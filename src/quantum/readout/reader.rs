@@ -424,8 +424,8 @@ impl ReadoutContext<'_> {
         let from_state = from_state.ok_or("the state's own error is not known")?;
         if from_state >= accuracy {
             return Err(format!(
-                "the state's own error may be {from_state:.1e} of it, more than \
-                 readout.accuracy = {accuracy:e} allows"
+                "the state's own error may be {from_state:.1e}, more than the \
+                 readout.accuracy = {accuracy:e} allows, which is absolute"
             ));
         }
         let error = (accuracy - from_state) / overlap.prefactor;
