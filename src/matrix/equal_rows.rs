@@ -18,9 +18,9 @@ use std::collections::{HashMap, HashSet};
 pub(super) struct CellsWithEqualRows {
     /// For each space cell of the block, the first one with equal rows.
     first: Vec<usize>,
-    /// The first unknowns of the space cells, with ghosts, whose rows of `A` are evaluated: those of
-    /// the cells whose row equals that of no earlier cell, and of their neighbours. None if all are
-    /// evaluated.
+    /// The first unknowns of the space cells, with ghosts, whose rows of `A` are evaluated: those
+    /// of the cells whose row equals that of no earlier cell, and of their neighbours. None if all
+    /// are evaluated.
     evaluated: Option<HashSet<usize>>,
     /// Velocity cells at a point of space.
     velocities: usize,

@@ -235,9 +235,9 @@ impl PhaseSpace {
         number(self.axes().map(|axis| axis.cells), cell.iter().copied())
     }
 
-    /// The numbers of the unknowns of the element that has these numbers along the axes, in the space
-    /// cells `ranges` with all velocities. For [`space_ranges`](Self::space_ranges) these are the
-    /// global indices.
+    /// The numbers of the unknowns of the element that has these numbers along the axes, in the
+    /// space cells `ranges` with all velocities. For [`space_ranges`](Self::space_ranges) these are
+    /// the global indices.
     pub fn cells_of(
         &self,
         element: &Cell,

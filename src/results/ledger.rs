@@ -507,7 +507,7 @@ mod tests {
             (|l| l.mass.initial = Some(1.9), "5.00 % is missing"),
             (
                 |l| {
-                    // A grid that holds nothing neither loses nor gains what particles of the data do.
+                    // A grid without the data neither loses nor gains what their particles do.
                     (l.mass.initial, l.mass.end, l.mass.lost) = (Some(0.0), Some(0.0), Some(0.0));
                     l.mass.interface_estimate = Some(0.04);
                 },

@@ -485,9 +485,8 @@ fn probabilities_are_those_of_the_evolved_state() {
             let stated = Probabilities::new(&state, system.norms, &LabelledNumber::exact);
             let [begin, end] = stated.window.expect("a window");
             let slices = (0..held).filter(|&k| point + k as f64 * width <= end).count();
-            let part = |k: usize| squares(&points[k]) / whole;
             assert_eq!(begin, point);
-            let own: f64 = (0..slices).map(part).sum();
+            let own = points[..slices].iter().map(|w| squares(w)).sum::<f64>() / whole;
             assert!((own / window - 1.0).abs() < OF_WINDOW, "{:?}: {own} {window}", found.profile);
             // Each of them is the field, and all together to the bound that is stated.
             let (mut squares_off, mut weights) = (0.0, 0.0);

@@ -19,8 +19,8 @@ use std::ops::Range;
 /// Number of words of a line in a message.
 const LINE: usize = 7;
 
-/// The exact moments of `case`, whose data are measure-valued, at its end time on the space cells of
-/// `share`, one range an x-axis. The shares of all ranks are a partition of the space cells.
+/// The exact moments of `case`, whose data are measure-valued, at its end time on the space cells
+/// of `share`, one range an x-axis. The shares of all ranks are a partition of the space cells.
 /// Collective.
 ///
 /// # Errors

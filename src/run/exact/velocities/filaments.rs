@@ -3,12 +3,10 @@
 use crate::parallel::communicator::Group;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::run::exact::velocities::cells::CellAverages;
-use crate::run::exact::velocities::limits::allowance;
+use crate::run::exact::velocities::limits::{FINER, allowance};
 use crate::run::exact::velocities::panels::{PanelRule, points_of};
 use crate::run::exact::velocities::places::at_all;
 
-/// Integrals are compared with those that begin with so many times the panels.
-pub const FINER: usize = 4;
 /// Largest difference between them, relative to the density (L1), if the points allow it.
 const UNSEEN: f64 = 1e-4;
 /// All integrals together may begin with so many times the points that they may take otherwise.

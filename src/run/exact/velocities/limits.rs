@@ -2,7 +2,6 @@
 
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
-use crate::run::exact::velocities::filaments::FINER;
 use crate::run::exact::velocities::panels::points_of;
 
 /// Limits on the cost of integrals, for a dimension of space.
@@ -57,6 +56,8 @@ const LIMITS: [IntegrationLimits; MAX_DIMENSION] = [
 const CELLS: usize = 4;
 /// Largest number of velocity cells of a panel along an axis, if `V` has one formula.
 const MANY_CELLS: usize = 8;
+/// Integrals are compared with those that begin with so many times the panels, for filaments.
+pub const FINER: usize = 4;
 /// Points a cell of phase space that all integrals together may take, if that is more than
 /// [`IntegrationLimits::together`].
 const POINTS_PER_CELL: usize = 3;
