@@ -140,6 +140,8 @@ pub struct Tracer<'a> {
     lines: Vec<AxisLine>,
     /// See [`Tracer::is_accurate`].
     is_accurate: bool,
+    /// Whether `V` is curved within an element of the case.
+    is_curved: bool,
 }
 
 /// A particle that is traced.
@@ -253,7 +255,7 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn with_cells(case: &'a Case, most: MostCells) -> Result<Self> {
-        let TracedGrid { space, is_accurate } = traced_grid(case, most)?;
+        let TracedGrid { space, is_accurate, is_curved } = traced_grid(case, most)?;
         let potential = Potential::whole(&Case { space: space.clone(), ..case.clone() })?;
         let rate = |a: usize| {
             let (x, v) = (space.x[a].width(), &space.v[a]);
@@ -284,7 +286,17 @@ impl<'a> Tracer<'a> {
             paths,
             lines,
             is_accurate,
+            is_curved,
         })
+    }
+
+    /// Limits for a tracer with half the cells along each axis, which shows the error of this one;
+    /// `None` if `V` is linear in each element, so that there is none, or no element is cut.
+    pub fn halved(&self) -> Option<MostCells> {
+        let axes = || self.space.x.iter().zip(&self.case.space.x);
+        let is_cut = axes().all(|(cut, axis)| axis.cells == 1 || cut.cells > axis.elements());
+        let curved = axes().map(|(cut, _)| cut.cells.div_ceil(2)).product();
+        (self.is_curved && is_cut).then_some(MostCells { curved, ..MostCells::ESTIMATES })
     }
 
     /// Whether paths are accurate: `V` is linear in the elements of the case, or traced on at least

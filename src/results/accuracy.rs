@@ -22,6 +22,21 @@ pub struct ParticleErrors {
     pub density: Option<f64>,
 }
 
+impl ParticleErrors {
+    /// These errors where the paths of the particles are off by themselves, by the relative L2
+    /// error `traced` of `f`: beyond that, and no mean of which it is a large part.
+    pub fn beyond_tracing(self, traced: f64) -> Self {
+        Self {
+            field: self.field.map(|error| (error - traced).max(0.0)),
+            field_mean: self.field_mean.filter(|error| traced <= MOST_TRACED * error),
+            ..self
+        }
+    }
+}
+
+/// Largest part of an error of `f` by particles that may be the error of their paths.
+const MOST_TRACED: f64 = 0.25;
+
 /// The way in which an error of the grid is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

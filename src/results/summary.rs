@@ -405,6 +405,8 @@ pub struct Summary {
     pub error_density_l2_relative: Option<f64>,
     /// Estimate of the relative L1 error of ρ_exact itself, if it is integrated over velocities.
     pub exact_density_error: Option<f64>,
+    /// Estimate of the relative L2 error of f_exact itself, if it is traced through a curved V.
+    pub exact_field_error: Option<f64>,
     /// Σ_a ∫ |m_a − m_exact,a| dx.
     pub error_momentum_l1: Option<f64>,
     /// (Σ_a ∫ |m_a − m_exact,a|² dx)^½.
@@ -578,6 +580,18 @@ impl Summary {
             self.error_momentum_l1_relative = momentum.relative_l1();
             self.error_momentum_l2_relative = momentum.relative_l2();
         }
+    }
+
+    /// A warning if the exact `f` is not known well enough to measure the run's error.
+    pub fn exact_field_warning(&self) -> Option<String> {
+        let (own, error) = (self.exact_field_error?, self.error_l2_relative?);
+        (own > LARGEST_EXACT_ERROR * error).then(|| {
+            format!(
+                "the exact f is known to {own:.0e} only (relative L2, estimated), and the error of \
+                 {error:.1e} of f is measured against it: a curved V is traced through cells in \
+                 which it is linear; exact.f, if there is a formula, has no such error"
+            )
+        })
     }
 
     /// A warning if the exact density is not known well enough to measure the run's error.

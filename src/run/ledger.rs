@@ -91,6 +91,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
         let arrivals = estimate(world, case, &tracer, ledger);
         if tracer.is_accurate() {
             found.arrivals = arrivals;
+            found.arrivals.halved = tracer.halved();
         }
     }
     if case.is_measure_valued() {

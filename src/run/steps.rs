@@ -256,7 +256,12 @@ impl<'a> Driver<'a> {
         exact: &ExactRun,
     ) {
         let Some(arrivals) = arrivals.gathered(world) else { return };
-        self.summary.accuracy.particles = arrivals.errors(world, result);
+        // V was finite when it was assembled.
+        let traced = arrivals.tracing_error(result.case).unwrap_or(None);
+        let particles = arrivals.errors(world, result).beyond_tracing(traced.unwrap_or(0.0));
+        self.summary.accuracy.particles = particles;
+        let is_traced = result.case.traces_exact() && self.summary.error_l2_relative.is_some();
+        self.summary.exact_field_error = traced.filter(|_| is_traced);
         // Measure-valued data, and densities that cancel, have no such error.
         let Some(known) = self.summary.exact_density_error else { return };
         let space = &result.case.space;
@@ -296,6 +301,7 @@ impl<'a> Driver<'a> {
             density: &results.moments.density,
         };
         self.compare_with_particles(world, &start.arrivals, &result, &exact);
+        self.warn_later(self.summary.exact_field_warning());
         self.warn_later(self.summary.exact_density_warning());
         self.log.watch.part("exact", results.exact_seconds);
         self.log.watch.lap("observables");

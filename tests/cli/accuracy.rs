@@ -535,6 +535,54 @@ fn exact_densities_see_filaments() {
     }
 }
 
+/// Five turns in a harmonic well, which give the initial data again.
+const TURNS: &str = r#"
+[[axis]]
+x = { lower = -2, upper = 2, cells = 9 }
+v = { lower = -2, upper = 2, cells = 9 }
+[[potential]]
+value = "0.5*x^2"
+[initial]
+f = "exp(-10*(x-0.8)^2 - 10*v^2)"
+[time]
+end = "10*pi"
+[scheme]
+degree = 6
+[solver]
+method = "classical"
+"#;
+
+/// The exact solution in a curved `V` has an error of its own, which is estimated. Where it is most
+/// of a measured error, a warning says so; errors by particles do not hide the grid's own then.
+#[test]
+fn errors_of_the_exact_solution_are_told_from_those_of_the_grid() {
+    let place = directory();
+    let file = written(place.path(), TURNS).unwrap();
+    let of = |settings: &[&str]| {
+        let results = place.path().join("results");
+        let job = Job::new(["run", &file, "--force"]).set(settings).into(&results).on(2);
+        let finished = job.succeed().unwrap();
+        (json_of(results.join("summary.json")).unwrap(), finished)
+    };
+    let number = |summary: &Value, key: &str| summary[key].as_f64().unwrap();
+    let (by_formula, _) = of(&["exact={f='exp(-10*(x-0.8)^2 - 10*v^2)'}"]);
+    let own = number(&by_formula, "error_l2_relative");
+    assert!(own < 1e-3 && by_formula["exact_field_error"].is_null(), "{own}");
+    let (traced, finished) = of(&["exact.kind=characteristics"]);
+    let measured = number(&traced, "error_l2_relative");
+    let estimate = number(&traced, "exact_field_error");
+    assert!(measured > 4.0 * own, "{measured} {own}");
+    let ratio = estimate / measured;
+    assert!((0.5..2.0).contains(&ratio), "{estimate} {measured}");
+    finished.contains(&finished.errors, &["the exact f is known to"]).unwrap();
+    let (alone, _) = of(&[]);
+    let grid = accuracy(&alone, "grid").unwrap();
+    assert!((0.3..3.0).contains(&(grid / own)), "{grid} {own}");
+    // Where V is linear, there is no such error.
+    let (linear, _) = of(&["exact.kind=characteristics", "potential=[{value='0.1*x'}]"]);
+    assert!(linear["exact_field_error"].is_null());
+}
+
 /// Particles of the exact flow show large errors that no estimate sees: the last line is
 /// UNDER-RESOLVED, and the error is that which an exact solution measures, within a factor of 2 for
 /// `f`, and 3 for the density.

@@ -96,6 +96,8 @@ pub(super) struct TracedGrid {
     pub space: PhaseSpace,
     /// Whether `V` is linear in the case's elements, or curved and on enough cells.
     pub is_accurate: bool,
+    /// Whether `V` is curved within an element of the case.
+    pub is_curved: bool,
 }
 
 /// The grid on which particles are traced. Its cells are the case's elements, cut into parts for
@@ -105,7 +107,7 @@ pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
     let is_curved = is_curved(case)?;
     let space = cut_elements(case, &region_edges(case), most, is_curved);
     let is_fine = space.x.iter().all(|axis| axis.cells == 1 || axis.cells >= FINE_CELLS);
-    Ok(TracedGrid { space, is_accurate: !is_curved || is_fine })
+    Ok(TracedGrid { space, is_accurate: !is_curved || is_fine, is_curved })
 }
 
 /// Number of space cells in which [`Tracer::with_cells`](super::Tracer::with_cells) keeps `V`, from

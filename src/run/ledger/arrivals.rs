@@ -15,9 +15,11 @@
 //! where no particle arrives. `f_h` is the polynomial of each element along axes of a higher
 //! degree, and interpolated between centres along those of degree 0.
 
+use crate::base::error::Result;
 use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
+use crate::problem::exact::{MostCells, Tracer};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, coordinate, for_each_cell};
 use crate::results::accuracy::ParticleErrors;
 use crate::results::ledger::STANDARD_ERRORS;
@@ -34,6 +36,10 @@ const LEAST_PARTICLES: usize = 16;
 const LEAST_REPLICATES: usize = 12;
 /// Largest standard error of the square of an error, as a part of it, with which the mean counts.
 const MOST_SCATTER: f64 = 0.2;
+/// Arrivals that are traced back through a curved `V` on half as many cells, and the factor by which
+/// the error falls from these to all cells: at least `2^{3/2}`, so that the difference is one less.
+const TRACED: usize = 256;
+const HALVED: f64 = 1.828;
 /// Number of numbers of an [`ArrivedParticle`].
 const NUMBERS: usize = 8;
 
@@ -63,11 +69,14 @@ impl ArrivedParticle {
 #[derive(Default)]
 pub struct Arrivals {
     by_replicate: [Vec<ArrivedParticle>; REPLICATES],
+    /// Limits for a tracer with half the cells, if the cells of `V` are an approximation.
+    pub halved: Option<MostCells>,
 }
 
 /// The arrivals of all replicates, the same on all ranks.
 pub struct GatheredArrivals {
     by_replicate: Vec<Vec<ArrivedParticle>>,
+    halved: Option<MostCells>,
 }
 
 /// A result on a rank's share of its grid.
@@ -108,7 +117,8 @@ impl Arrivals {
         };
         let by_replicate: Vec<_> = all.as_chunks().0.chunks(longest).map(arrivals).collect();
         let replicates = by_replicate.iter().filter(|of| !of.is_empty()).count();
-        (replicates >= LEAST_REPLICATES).then_some(GatheredArrivals { by_replicate })
+        let halved = self.halved;
+        (replicates >= LEAST_REPLICATES).then_some(GatheredArrivals { by_replicate, halved })
     }
 }
 
@@ -121,6 +131,30 @@ impl GatheredArrivals {
             false => [None; 2],
         };
         ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
+    }
+
+    /// About the relative L2 error that a curved `V` has in the values of some arrivals: what they
+    /// change by on half as many cells, divided by [`HALVED`]; `None` if there is no such error,
+    /// or the data are measure-valued.
+    ///
+    /// # Errors
+    /// If `V` is not finite.
+    pub fn tracing_error(&self, case: &Case) -> Result<Option<f64>> {
+        let Some(halved) = self.halved.filter(|_| !case.is_measure_valued()) else {
+            return Ok(None);
+        };
+        let coarser = Tracer::with_cells(case, halved)?;
+        let all = self.by_replicate.concat();
+        let step = all.len().div_ceil(TRACED);
+        let some: Vec<ArrivedParticle> = all.into_iter().step_by(step).collect();
+        let points: Vec<[f64; 6]> = some.iter().map(|arrival| arrival.point).collect();
+        let (mut error, mut size) = (0.0, 0.0);
+        for (arrival, value) in some.iter().zip(coarser.values(&points, case.end)) {
+            let ArrivedParticle { mass, value: exact, .. } = arrival;
+            error += mass / exact * (value - exact) * (value - exact);
+            size += mass * exact;
+        }
+        Ok(Some((error / size).sqrt() / HALVED).filter(|error| error.is_finite()))
     }
 
     /// The difference between a `mass` and that of all arrivals, beyond the scatter of the latter
