@@ -148,18 +148,15 @@ fn clock_seconds(text: &str) -> Result<f64, String> {
         Some((days, clock)) => (Some(days), clock),
         None => (None, text),
     };
+    let days: Option<Option<u32>> = days.map(|days| days.parse().ok());
     let fields: Option<Vec<u32>> = clock.split(':').map(|field| field.parse().ok()).collect();
-    match fields {
-        Some(fields) if fields.len() <= 3 => {
-            let clock = fields.iter().fold(0.0, |sum, &field| 60.0 * sum + f64::from(field));
-            // After days, the first of two fields is hours.
-            match days {
-                Some(days) if fields.len() == 2 => {
-                    Ok(86400.0 * number(days, "days")? + 60.0 * clock)
-                }
-                Some(days) => Ok(86400.0 * number(days, "days")? + clock),
-                None => Ok(clock),
-            }
+    let sum = |fields: &[u32]| fields.iter().fold(0.0, |sum, &f| 60.0 * sum + f64::from(f));
+    match (days, fields.as_deref()) {
+        (None, Some(fields @ ([_, _] | [_, _, _]))) => Ok(sum(fields)),
+        // After days the first field is hours.
+        (Some(Some(days)), Some(fields @ ([_, _] | [_, _, _]))) => {
+            let seconds = 60f64.powi(3 - fields.len() as i32);
+            Ok(86400.0 * f64::from(days) + seconds * sum(fields))
         }
         _ => Err(format!("\"{text}\" is not a duration; one is {DURATIONS}")),
     }
@@ -284,7 +281,7 @@ mod tests {
         }
         for text in [
             "", "0", "-5", "m", "1:2:3:4", "1:-2", "nan", "inf", "1e400", "5 weeks", "1-5",
-            "+3:0x1", "5mm", "5ss", "1.5hh", "2dd",
+            "+3:0x1", "5mm", "5ss", "1.5hh", "2dd", "1.5-05:30", "-05:30",
         ] {
             assert!(duration(text).is_err(), "{text}");
         }

@@ -157,6 +157,9 @@ pub struct Case {
     /// Relative L1 error of the density that the trials for `accuracy` expect on the grid that they
     /// chose; `None` before that.
     pub expected_error: Option<f64>,
+    /// Largest number of points of the integrals of the exact solution over the velocities, in a
+    /// study whose time is limited; else as many as they allow themselves.
+    pub most_exact_points: Option<usize>,
     /// File and line of the tolerance, for errors.
     pub tolerance_place: String,
     /// File and line of `solver.warp.interval`, for errors.
@@ -280,6 +283,7 @@ impl Case {
             tolerance: solver.tolerance(file)?,
             accuracy: solver.accuracy(file)?,
             expected_error: None,
+            most_exact_points: None,
             tolerance_place: file.place("solver.tolerance"),
             interval_place: file.place("solver.warp.interval"),
             verify: solver.verify,

@@ -290,6 +290,11 @@ impl<'a> Tracer<'a> {
         })
     }
 
+    /// Whether `V` is curved within an element of the case, so that its cells are an approximation.
+    pub fn is_curved(&self) -> bool {
+        self.is_curved
+    }
+
     /// Limits for a tracer with half the cells along each axis, which shows the error of this one;
     /// `None` if `V` is linear in each element, so that there is none, or no element is cut.
     pub fn halved(&self) -> Option<MostCells> {

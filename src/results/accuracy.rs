@@ -299,7 +299,7 @@ impl Accuracy {
         };
         let is_classical = case.method == Method::Classical;
         let may_have_slopes = is_classical && case.has_upwind_cells() && !case.varies();
-        let key = degree_key(case, degree);
+        let key = degree_keys(case, degree);
         let article = if key.starts_with("axis") { "an" } else { "a" };
         let or = match degree {
             0 if case.limiter != Limiter::None => String::new(),
@@ -332,17 +332,25 @@ fn largest_order(case: &Case, degree: usize) -> Option<f64> {
     (!case.is_measure_valued()).then_some(order)
 }
 
-/// The key that gives the lowest `degree` of the axes of `case`: an axis may have its own.
-fn degree_key(case: &Case, degree: usize) -> String {
+/// The keys that give the lowest `degree` of the axes of `case`: an axis may have its own.
+fn degree_keys(case: &Case, degree: usize) -> String {
     let n = case.space.dimension();
+    let key = |k: usize| {
+        let own = match k < n {
+            true => format!("axis.{k}.x.degree"),
+            false => format!("axis.{}.v.degree", k - n),
+        };
+        if case.settings.contains_key(&own) { own } else { "scheme.degree".to_owned() }
+    };
     let axes = case.space.axes().enumerate();
     let lowest = axes.filter(|(_, axis)| axis.cells > 1 && axis.nodes.degree == degree);
-    let key = |k: usize| match k < n {
-        true => format!("axis.{k}.x.degree"),
-        false => format!("axis.{}.v.degree", k - n),
-    };
-    let mut own = lowest.map(|(k, _)| key(k)).filter(|key| case.settings.contains_key(key));
-    own.next().unwrap_or_else(|| "scheme.degree".to_owned())
+    let mut keys: Vec<String> = Vec::new();
+    for key in lowest.map(|(k, _)| key(k)) {
+        if !keys.contains(&key) {
+            keys.push(key);
+        }
+    }
+    keys.join(" and ")
 }
 
 /// The lowest degree of the axes that have more than one cell.

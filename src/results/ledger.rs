@@ -12,8 +12,8 @@ const NOTICEABLE: f64 = 0.01;
 /// Larger parts of the mass that vanish or enter unexplained give a warning; smaller ones are due
 /// to the dissipation of a coarse grid near an end.
 const UNBALANCED: f64 = 0.02;
-/// A larger part of the mass of the data that the grid lacks is most of it.
-const MOST_MISSED: f64 = 0.5;
+/// A grid that holds less than this part of the mass of the data lacks most of them.
+const LEAST_PART: f64 = 0.5;
 /// Least number of cells across a region of `V` that is resolved. For a degree above 0 one element
 /// resolves a region of its own width.
 const CELLS_OF_REGION: usize = 4;
@@ -161,7 +161,9 @@ impl Ledger {
     /// Whether the grid holds the initial data, or is not known to lack most of their mass. About a
     /// grid without them estimates by particles of the data say nothing.
     fn holds_data(&self) -> bool {
-        self.missed_by_grid().is_none_or(|missed| missed > -MOST_MISSED)
+        let part = |initial: f64| Some(initial.abs() / self.mass.formula?.abs());
+        let part = self.missed_by_grid().and(self.mass.initial).and_then(part);
+        part.is_none_or(|part| part > LEAST_PART)
     }
 
     /// Warnings to the user, each with a remedy.

@@ -138,6 +138,11 @@ impl Budget {
         self.counted / self.allowed
     }
 
+    /// The updates of this `part` of the whole budget.
+    pub fn updates(&self, part: f64) -> f64 {
+        part * self.allowed
+    }
+
     /// Whether `updates` are at most this `part` of the whole budget.
     pub fn fits_count(&self, updates: f64, part: f64) -> bool {
         updates <= part * self.allowed

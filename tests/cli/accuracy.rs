@@ -290,7 +290,14 @@ fn advice_matches_the_shortcomings_of_the_run() {
     let (some, all) =
         ("or a higher scheme.degree", "or a higher scheme.degree where f does not jump");
     let mixed = ["axis.0.x.degree=2", "axis.0.v.degree=0"];
-    let rows: [AdviceRow<'_>; 8] = [
+    let both = ["axis.0.x.degree=1", "axis.0.v.degree=1"];
+    let rows: [AdviceRow<'_>; 9] = [
+        (
+            "example1.toml",
+            both.to_vec(),
+            &["or a higher axis.0.x.degree and axis.0.v.degree"],
+            &["scheme.degree"],
+        ),
         ("example1.toml", mixed.to_vec(), &["or an axis.0.v.degree above 0"], &["scheme.degree"]),
         ("smooth-beams.toml", words(&degree_2), &[some, "(at least ", "finds a grid"], &["slopes"]),
         ("example1.toml", words(&degree_3), &[all, "(at least 1.2 ", "example1.toml"], &["slopes"]),

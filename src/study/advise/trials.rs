@@ -7,7 +7,7 @@ use crate::problem::case::{AllowedReductions, Case, Exact, Limiter, Method};
 use crate::problem::exact::{MostCells, Tracer, traced_cells};
 use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::errors::exact_points;
-use crate::run::exact::velocities::limits::first_points;
+use crate::run::exact::velocities::limits::expected_points_of_averages;
 use crate::scheme::reduce::reduced;
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::budget::Budget;
@@ -34,6 +34,8 @@ const UPDATES_PER_SEGMENT: f64 = 5.0;
 pub const CELLS_PER_NODE: usize = 2;
 /// Particles that are traced to count the parts of their paths.
 const TRACED: usize = 200;
+/// Part of the budget that the integrals of the exact solution may take in a trial.
+const FOR_EXACT: f64 = 0.25;
 
 /// A trial: its scheme and its elements along each axis.
 type TrialGrid = (SchemeChoice, Vec<usize>);
@@ -60,47 +62,57 @@ pub struct DegreeCase {
     pub base: Case,
     /// Grids over its box.
     pub grids: Grids,
-    /// The linear parts of the path of an exact value on the case's own grid; zero for a formula.
+    /// The paths of exact values, if these are not given by a formula.
+    paths: Option<ExactPaths>,
+}
+
+/// The paths on which exact values are traced back, on the case's own grid.
+#[derive(Clone, Copy)]
+struct ExactPaths {
+    /// Mean number of their linear parts.
     segments: f64,
+    /// Whether `V` is curved, so that a part is a cell of the tracer.
+    is_curved: bool,
 }
 
 impl DegreeCase {
     /// The case `base` with elements of one degree, whose runs merge the axes marked in `merged`.
     ///
     /// # Errors
-    /// As [`segments_per_value`].
+    /// As [`ExactPaths::of`].
     fn new(base: Case, merged: &[bool], exact: Option<&Exact>) -> Result<Self> {
         let grids = Grids::new(&base).with_merged(merged.to_vec());
-        let segments = exact.map_or(Ok(0.0), |exact| segments_per_value(&base, exact))?;
-        Ok(Self { base, grids, segments })
+        let is_traced = matches!(exact, Some(Exact::Characteristics));
+        let paths = is_traced.then(|| ExactPaths::of(&base)).transpose()?;
+        Ok(Self { base, grids, paths })
     }
 
-    /// Updates that an exact value counts as on another grid, that of `case`. Where V is curved, a
-    /// part of a path is a cell of the tracer.
+    /// Updates that an exact value counts as on the grid of `case`.
     fn updates_per_exact_value(&self, case: &Case) -> f64 {
-        if self.segments == 0.0 {
+        let Some(ExactPaths { segments, is_curved }) = self.paths else {
             return UPDATES_PER_FORMULA;
-        }
+        };
         let cells = |case: &Case, most: MostCells| traced_cells(case, most) as f64;
-        let finer = (cells(case, MostCells::EXACT) / cells(&self.base, MostCells::ESTIMATES))
-            .powf(1.0 / case.space.dimension() as f64);
-        UPDATES_PER_FORMULA + UPDATES_PER_SEGMENT * finer * self.segments
+        let finer = match is_curved {
+            true => (cells(case, MostCells::EXACT) / cells(&self.base, MostCells::ESTIMATES))
+                .powf(1.0 / case.space.dimension() as f64),
+            false => 1.0,
+        };
+        UPDATES_PER_FORMULA + UPDATES_PER_SEGMENT * finer * segments
     }
 }
 
-/// The mean number of linear parts of the path on which a value of the `exact` solution of `case`
-/// is traced back; zero for a formula.
-///
-/// # Errors
-/// As [`Tracer::with_cells`].
-fn segments_per_value(case: &Case, exact: &Exact) -> Result<f64> {
-    if matches!(exact, Exact::Formula(_)) {
-        return Ok(0.0);
+impl ExactPaths {
+    /// The paths of exact values of `case`.
+    ///
+    /// # Errors
+    /// As [`Tracer::with_cells`].
+    fn of(case: &Case) -> Result<Self> {
+        let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
+        let points = case.space.random_points(TRACED);
+        let segments: usize = points.iter().map(|at| tracer.follow(at, case.end).segments).sum();
+        Ok(Self { segments: segments as f64 / TRACED as f64, is_curved: tracer.is_curved() })
     }
-    let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
-    let points = case.space.random_points(TRACED);
-    let segments: usize = points.iter().map(|at| tracer.follow(at, case.end).segments).sum();
-    Ok(segments as f64 / TRACED as f64)
 }
 
 /// All trials of a case.
@@ -245,11 +257,17 @@ impl<'a> Trials<'a> {
         let of_degree = self.degree_case(scheme);
         let case = scheme.schrodingerized(&of_degree.base, shape);
         let points = match scheme.degree {
-            0 => first_points(&self.merged(&case)),
+            0 => expected_points_of_averages(&self.merged(&case)),
             // Errors are integrated over the whole grid.
             _ => cells(&case.space.shape()) + exact_points(&case),
         };
         of_degree.updates_per_exact_value(&case) * points
+    }
+
+    /// Points that integrals of the exact solution may take in a trial of `scheme`, which is `case`.
+    fn most_exact_points(&self, scheme: SchemeChoice, case: &Case) -> usize {
+        let each = self.degree_case(scheme).updates_per_exact_value(case);
+        (self.budget.updates(FOR_EXACT) / each) as usize
     }
 
     /// Whether a run of `scheme` on `shape` counts as no more than this part of the budget.
@@ -291,7 +309,8 @@ impl<'a> Trials<'a> {
             if scheme.degree > 0 {
                 updates += self.updates_to_compare(scheme, shape);
             }
-            let found = self.measure(&case, updates)?;
+            let most_exact_points = Some(self.most_exact_points(scheme, &case));
+            let found = self.measure(&Case { most_exact_points, ..case }, updates)?;
             self.done.insert(key.clone(), found);
         }
         Ok(&self.done[&key])
@@ -361,6 +380,8 @@ impl<'a> Trials<'a> {
         if !self.exact_densities.contains_key(shape) {
             let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
             self.budget.count(self.updates_to_compare(scheme, shape));
+            let most_exact_points = Some(self.most_exact_points(scheme, &case));
+            let case = Case { most_exact_points, ..case };
             let density = exact_density(self.budget.group(), &case, exact)?;
             self.exact_densities.insert(shape.to_vec(), density);
         }

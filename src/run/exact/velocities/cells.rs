@@ -2,7 +2,7 @@
 
 use crate::base::quadrature::gauss_legendre;
 use crate::problem::grid::{Axis, MAX_DIMENSION};
-use crate::run::exact::velocities::limits::{ACROSS, IntegrationLimits, allowance};
+use crate::run::exact::velocities::limits::{ACROSS, IntegrationLimits};
 use crate::run::exact::velocities::panels::{
     BOOLE, POINTS, PanelRule, SIMPSON, VelocityIntegral, points_of,
 };
@@ -108,7 +108,7 @@ impl CellAverages<'_> {
         let at = |x: f64| self.at(x.clamp(lower + inside, upper - inside));
         let values = std::array::from_fn(|k| at(lower + 0.25 * whole * k as f64));
         let mut panels = vec![CellPanel { lower, upper, values }];
-        let share = allowance(self.rule.space) / (self.axis().cells * points_of(&self.rule.panels));
+        let share = self.rule.together / (self.axis().cells * points_of(&self.rule.panels));
         let most = (BENT_CELLS * share).clamp(POSITIONS[0], POSITIONS[1]);
         let mut used = POINTS;
         while used + POINTS - 1 <= most {

@@ -3,7 +3,7 @@
 use crate::parallel::communicator::Group;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::run::exact::velocities::cells::CellAverages;
-use crate::run::exact::velocities::limits::{FINER, allowance};
+use crate::run::exact::velocities::limits::{COMPARED, FINER};
 use crate::run::exact::velocities::panels::{PanelRule, points_of};
 use crate::run::exact::velocities::places::at_all;
 
@@ -11,8 +11,6 @@ use crate::run::exact::velocities::places::at_all;
 const UNSEEN: f64 = 1e-4;
 /// All integrals together may begin with so many times the points that they may take otherwise.
 const MORE_POINTS: usize = 4;
-/// Number of equidistant places at which they are compared, and twice that of the densest.
-const COMPARED: usize = 8;
 
 /// Places at which densities by different integrals are compared: the densest of some, and some
 /// at equal distances, as filaments that are not seen may lie where nothing is seen.
@@ -89,7 +87,7 @@ impl<'a> SeenFilaments<'a> {
             let finer = PanelRule { panels, most: rule.most.max(2 * points), ..rule.clone() };
             let expected = at_places(&finer);
             let unseen = compared.difference(&found, &expected);
-            let fits = points.saturating_mul(positions) <= MORE_POINTS * allowance(rule.space);
+            let fits = points.saturating_mul(positions) <= MORE_POINTS * rule.together;
             if unseen <= UNSEEN || !fits {
                 break unseen;
             }
@@ -97,7 +95,7 @@ impl<'a> SeenFilaments<'a> {
         };
         let mut seen = Self { rule, within_cells: false };
         let unseen_in_cells = match seen.rule.space.x[0].nodes.degree {
-            0 => seen.search_within_cells(world, compared),
+            0 if !seen.rule.is_limited => seen.search_within_cells(world, compared),
             _ => 0.0,
         };
         seen.rule.unseen = unseen.max(unseen_in_cells);

@@ -58,6 +58,8 @@ const CELLS: usize = 4;
 const MANY_CELLS: usize = 8;
 /// Integrals are compared with those that begin with so many times the panels, for filaments.
 pub const FINER: usize = 4;
+/// Number of equidistant places at which they are compared, and twice that of the densest.
+pub const COMPARED: usize = 8;
 /// Points a cell of phase space that all integrals together may take, if that is more than
 /// [`IntegrationLimits::together`].
 const POINTS_PER_CELL: usize = 3;
@@ -84,9 +86,10 @@ pub fn panels_of(case: &Case) -> Vec<usize> {
 }
 
 /// Points that all integrals of a run of `case` may take together.
-pub fn allowance(space: &PhaseSpace) -> usize {
-    let least = IntegrationLimits::of(space).together;
-    space.cells().saturating_mul(POINTS_PER_CELL).max(least)
+pub fn allowance(case: &Case) -> usize {
+    let least = IntegrationLimits::of(&case.space).together;
+    let enough = case.space.cells().saturating_mul(POINTS_PER_CELL).max(least);
+    case.most_exact_points.map_or(enough, |most| most.min(enough))
 }
 
 /// Points of each cell of degree 0 along an axis, over which the moments of `case` are averaged.
@@ -94,33 +97,65 @@ pub fn points_across(case: &Case) -> usize {
     let space = &case.space;
     let cells = space.x.iter().filter(|axis| axis.nodes.degree == 0).count() as u32;
     let positions = space.space_cells().saturating_mul(ACROSS.pow(cells));
-    let fits = positions.saturating_mul(points_of(&panels_of(case))) <= allowance(&case.space);
+    let fits = positions.saturating_mul(points_of(&panels_of(case))) <= allowance(case);
     if fits || space.dimension() == 1 { ACROSS } else { 1 }
 }
 
-/// Number of points that the averages over the cells of `case` begin with, as a float: it may
+/// About the number of points that the averages over the cells of `case` take, as a float: it may
 /// exceed every integer.
-pub fn first_points(case: &Case) -> f64 {
+pub fn expected_points_of_averages(case: &Case) -> f64 {
     // In one dimension with one face of each cell.
     let faces = usize::from(case.space.dimension() == 1 && case.space.x[0].nodes.degree == 0);
     let positions =
         case.space.x.iter().map(|axis| ((points_across(case) + faces) * axis.cells) as f64);
-    positions.product::<f64>() * points_of(&panels_of(case)) as f64
+    positions.product::<f64>() * points_of(&panels_of(case)) as f64 + points_to_search(case)
+}
+
+/// Points by which the largest density is found, and in one dimension filaments are looked for.
+fn points_to_search(case: &Case) -> f64 {
+    if case.space.dimension() > 1 {
+        return 0.0;
+    }
+    let positions = IntegrationLimits::of(&case.space).positions;
+    let compared = (COMPARED + COMPARED / 2) * (1 + FINER);
+    ((positions + compared) * points_of(&panels_of(case))) as f64
 }
 
 /// Points that an integral may take of so many `positions` on the grid of `case`.
 pub fn most_at(case: &Case, positions: f64) -> f64 {
     let least = IntegrationLimits::of(&case.space).most.max(2 * points_of(&panels_of(case)));
-    (least as f64).max((allowance(&case.space) as f64 / positions.max(1.0)).floor())
+    (least as f64).max((allowance(case) as f64 / positions.max(1.0)).floor())
 }
 
 /// About the largest number of points that integrals at so many `positions` take. In one dimension
 /// a jump takes few points beyond the first ones; filaments take more, [`FINER`] times as many
 /// where they are found at once. In more dimensions it may be all that they are allowed.
 pub fn expected_points(case: &Case, positions: f64) -> f64 {
-    if case.space.dimension() > 1 {
-        return positions * most_at(case, positions);
+    match case.space.dimension() {
+        1 => FINER as f64 * positions * points_of(&panels_of(case)) as f64 + points_to_search(case),
+        _ => positions * most_at(case, positions),
     }
-    let searched = IntegrationLimits::of(&case.space).positions as f64;
-    (searched + FINER as f64 * positions) * points_of(&panels_of(case)) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CASE: &str = "[[axis]]\nx = { lower = 0, upper = 1, cells = 10 }\n\
+        v = { lower = -1, upper = 1, cells = 10 }\n[[potential]]\nvalue = \"x^2\"\n\
+        [initial]\nf = \"1\"\n[time]\nend = 1\n";
+
+    /// A study with little time takes fewer points, but at least those of an integral.
+    #[test]
+    fn a_study_limits_the_points() {
+        let case = Case::parse("limits", CASE, &[]).expect("a case");
+        assert_eq!(allowance(&case), LIMITS[0].together);
+        let limited = Case { most_exact_points: Some(5000), ..case.clone() };
+        assert_eq!(allowance(&limited), 5000);
+        let one = points_of(&panels_of(&case));
+        assert!(most_at(&limited, 1000.0) >= (2 * one) as f64);
+        assert!(most_at(&limited, 1.0) < most_at(&case, 1.0));
+        let more = Case { most_exact_points: Some(usize::MAX), ..case.clone() };
+        assert_eq!(allowance(&more), allowance(&case));
+    }
 }

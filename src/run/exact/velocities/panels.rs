@@ -79,6 +79,10 @@ pub struct PanelRule<'a> {
     pub tolerance: f64,
     /// Points that an integral may take.
     pub most: usize,
+    /// Points that all integrals may take together, about.
+    pub together: usize,
+    /// Whether the time of a study limits them, so that nothing is looked for within cells.
+    pub is_limited: bool,
     /// The part of a density that may lie between the points of the first panels.
     pub unseen: f64,
     /// Boole's weights at the points of a panel.
@@ -103,7 +107,18 @@ impl<'a> PanelRule<'a> {
         for _ in 0..space.dimension() {
             weights = weights.iter().flat_map(|w| BOOLE.map(|b| w * b)).collect();
         }
-        Self { values_of, time, space, panels, tolerance: 0.0, most: 0, unseen: 0.0, weights }
+        Self {
+            values_of,
+            time,
+            space,
+            panels,
+            tolerance: 0.0,
+            most: 0,
+            together: 0,
+            is_limited: false,
+            unseen: 0.0,
+            weights,
+        }
     }
 
     /// The integral at a position.
