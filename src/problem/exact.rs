@@ -75,13 +75,23 @@ pub struct TracedPath {
     /// Parts of the path on which `V` is linear: one more than the faces with a jump of `V` or of
     /// its slope that were met.
     pub segments: usize,
+    /// Steps that were computed, each up to an end of a block of cells.
+    pub steps: usize,
 }
 
 impl TracedPath {
     /// The path that ends at its first point, with this time left.
     fn at_start(point: [f64; 6], remaining: f64) -> Self {
         let turns = [0; MAX_DIMENSION];
-        Self { point, remaining: Some(remaining), exit: None, history: 0, turns, segments: 1 }
+        Self {
+            point,
+            remaining: Some(remaining),
+            exit: None,
+            history: 0,
+            turns,
+            segments: 1,
+            steps: 0,
+        }
     }
 }
 
@@ -164,6 +174,8 @@ struct TracedParticle {
     turns: [i32; MAX_DIMENSION],
     /// See [`TracedPath::segments`].
     segments: usize,
+    /// See [`TracedPath::steps`].
+    steps: usize,
 }
 
 /// A block of cells that a particle crosses in one step, and the slopes of `V` in it.
@@ -466,6 +478,7 @@ impl<'a> Tracer<'a> {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
         for _ in 0..self.most_faces(left) {
+            particle.steps += 1;
             let block = self.block(&particle);
             let event = self.next_event(&particle, &block, round_off);
             let Some(event) = event.filter(|e| e.time < left - round_off) else {
@@ -517,6 +530,7 @@ impl<'a> Tracer<'a> {
             history: 0xcbf2_9ce4_8422_2325,
             turns: [0; MAX_DIMENSION],
             segments: 1,
+            steps: 0,
         };
         for a in 0..space.dimension() {
             // The outermost faces may differ from the ends of the box by round-off.
@@ -539,8 +553,8 @@ impl<'a> Tracer<'a> {
             // Adding zero turns the −0 of a particle at rest into 0.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
-        let TracedParticle { history, turns, segments, .. } = *particle;
-        TracedPath { point, remaining: None, exit: None, history, turns, segments }
+        let TracedParticle { history, turns, segments, steps, .. } = *particle;
+        TracedPath { point, remaining: None, exit: None, history, turns, segments, steps }
     }
 
     /// The end of the velocity box along axis `a` through which a particle leaves: the nearer one.

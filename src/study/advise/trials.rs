@@ -26,13 +26,13 @@ const UPDATES_TO_PREPARE: f64 = 80.0;
 const UPDATES_TO_REDUCE: f64 = 8.0;
 /// Part of the budget that this search may take.
 const FOR_REDUCTION: f64 = 0.25;
-/// Updates that an exact value counts as: its formula, and each linear part of a path on which a
-/// particle is traced back. A part takes 40 ns, an update at most 8 ns.
+/// Updates that an exact value counts as: its formula, and each step of a path on which a particle
+/// is traced back. A step takes 40 ns, an update at most 8 ns.
 const UPDATES_PER_FORMULA: f64 = 8.0;
-const UPDATES_PER_SEGMENT: f64 = 5.0;
+const UPDATES_PER_STEP: f64 = 5.0;
 /// Cells for each node of an element over which densities are averaged to be compared.
 pub const CELLS_PER_NODE: usize = 2;
-/// Particles that are traced to count the parts of their paths.
+/// Particles that are traced to count the steps of their paths.
 const TRACED: usize = 200;
 /// Part of the budget that the integrals of the exact solution may take in a trial.
 const FOR_EXACT: f64 = 0.25;
@@ -69,9 +69,9 @@ pub struct DegreeCase {
 /// The paths on which exact values are traced back, on the case's own grid.
 #[derive(Clone, Copy)]
 struct ExactPaths {
-    /// Mean number of their linear parts.
-    segments: f64,
-    /// Whether `V` is curved, so that a part is a cell of the tracer.
+    /// Mean number of their steps.
+    steps: f64,
+    /// Whether `V` is curved, so that a step is a cell of the tracer.
     is_curved: bool,
 }
 
@@ -89,7 +89,7 @@ impl DegreeCase {
 
     /// Updates that an exact value counts as on the grid of `case`.
     fn updates_per_exact_value(&self, case: &Case) -> f64 {
-        let Some(ExactPaths { segments, is_curved }) = self.paths else {
+        let Some(ExactPaths { steps, is_curved }) = self.paths else {
             return UPDATES_PER_FORMULA;
         };
         let cells = |case: &Case, most: MostCells| traced_cells(case, most) as f64;
@@ -98,7 +98,7 @@ impl DegreeCase {
                 .powf(1.0 / case.space.dimension() as f64),
             false => 1.0,
         };
-        UPDATES_PER_FORMULA + UPDATES_PER_SEGMENT * finer * segments
+        UPDATES_PER_FORMULA + UPDATES_PER_STEP * finer * steps
     }
 }
 
@@ -110,8 +110,8 @@ impl ExactPaths {
     fn of(case: &Case) -> Result<Self> {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
         let points = case.space.random_points(TRACED);
-        let segments: usize = points.iter().map(|at| tracer.follow(at, case.end).segments).sum();
-        Ok(Self { segments: segments as f64 / TRACED as f64, is_curved: tracer.is_curved() })
+        let steps: usize = points.iter().map(|at| tracer.follow(at, case.end).steps).sum();
+        Ok(Self { steps: steps as f64 / TRACED as f64, is_curved: tracer.is_curved() })
     }
 }
 
