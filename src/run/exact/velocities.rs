@@ -46,7 +46,7 @@ use crate::run::exact::velocities::cells::CellAverages;
 use crate::run::exact::velocities::filaments::{ComparedPlaces, SeenFilaments};
 use crate::run::exact::velocities::grid_rule::GridRule;
 use crate::run::exact::velocities::limits::{
-    IntegrationLimits, allowance, most_at, panels_of, points_across,
+    IntegrationLimits, allowance, is_limited, most_at, panels_of, points_across,
 };
 use crate::run::exact::velocities::panels::{PanelRule, VelocityIntegral};
 use crate::run::exact::velocities::places::{at_all, centres};
@@ -73,7 +73,7 @@ impl<'a> VelocityIntegrals<'a> {
         let limits = IntegrationLimits::of(&case.space);
         let mut rule = PanelRule::new(values_of, &case.space, time, panels_of(case));
         rule.most = most_at(case, positions as f64) as usize;
-        (rule.together, rule.is_limited) = (allowance(case), case.most_exact_points.is_some());
+        (rule.together, rule.is_limited) = (allowance(case), is_limited(case));
         let places = centres(&case.space, limits.positions);
         let sizes = at_all(world, &places, |position| rule.size_at(position));
         rule.tolerance = limits.tolerance * sizes.iter().copied().fold(0.0, f64::max);

@@ -84,10 +84,10 @@ impl CellAverages<'_> {
             // Behind the upper face the density may be another one.
             let before = || at(faces[1] - BEFORE_FACE * (faces[1] - faces[0]));
             let within = || WITHIN.iter().any(|node| is_bent(&at(axis.at(j as i64, *node)), *node));
-            if is_bent(&lower, -1.0)
+            let is_bent = is_bent(&lower, -1.0)
                 || (is_bent(&beyond, 1.0) && is_bent(&before(), 1.0))
-                || (self.within_cells && within())
-            {
+                || (self.within_cells && within());
+            if is_bent && !self.rule.is_limited {
                 let found = self.over_cell(faces);
                 if found.moments[0].is_finite() {
                     return found;

@@ -81,10 +81,11 @@ impl<'a> SeenFilaments<'a> {
         let at_places =
             |of: &PanelRule| at_all(world, &compared.positions, |place| of.at(place).moments[0]);
         let mut found = at_places(&rule);
+        let more = if rule.is_limited { 1 } else { 2 };
         let unseen = loop {
             let panels: Vec<usize> = rule.panels.iter().map(|panels| FINER * panels).collect();
             let points = points_of(&panels);
-            let finer = PanelRule { panels, most: rule.most.max(2 * points), ..rule.clone() };
+            let finer = PanelRule { panels, most: rule.most.max(more * points), ..rule.clone() };
             let expected = at_places(&finer);
             let unseen = compared.difference(&found, &expected);
             let fits = points.saturating_mul(positions) <= MORE_POINTS * rule.together;

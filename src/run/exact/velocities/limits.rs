@@ -87,9 +87,19 @@ pub fn panels_of(case: &Case) -> Vec<usize> {
 
 /// Points that all integrals of a run of `case` may take together.
 pub fn allowance(case: &Case) -> usize {
-    let least = IntegrationLimits::of(&case.space).together;
-    let enough = case.space.cells().saturating_mul(POINTS_PER_CELL).max(least);
+    let enough = enough(&case.space);
     case.most_exact_points.map_or(enough, |most| most.min(enough))
+}
+
+/// Whether a study with little time allows fewer points than integrals may take otherwise. Then
+/// fronts within cells are not looked for.
+pub fn is_limited(case: &Case) -> bool {
+    allowance(case) < enough(&case.space)
+}
+
+fn enough(space: &PhaseSpace) -> usize {
+    let least = IntegrationLimits::of(space).together;
+    space.cells().saturating_mul(POINTS_PER_CELL).max(least)
 }
 
 /// Points of each cell of degree 0 along an axis, over which the moments of `case` are averaged.
@@ -123,7 +133,11 @@ fn points_to_search(case: &Case) -> f64 {
 
 /// Points that an integral may take of so many `positions` on the grid of `case`.
 pub fn most_at(case: &Case, positions: f64) -> f64 {
-    let least = IntegrationLimits::of(&case.space).most.max(2 * points_of(&panels_of(case)));
+    let first = points_of(&panels_of(case));
+    let least = match is_limited(case) {
+        true => first,
+        false => IntegrationLimits::of(&case.space).most.max(2 * first),
+    };
     (least as f64).max((allowance(case) as f64 / positions.max(1.0)).floor())
 }
 
@@ -153,9 +167,11 @@ mod tests {
         let limited = Case { most_exact_points: Some(5000), ..case.clone() };
         assert_eq!(allowance(&limited), 5000);
         let one = points_of(&panels_of(&case));
-        assert!(most_at(&limited, 1000.0) >= (2 * one) as f64);
+        assert!(is_limited(&limited) && !is_limited(&case));
+        assert_eq!(most_at(&limited, 1000.0), one as f64);
+        assert!(most_at(&case, 1000.0) >= (2 * one) as f64);
         assert!(most_at(&limited, 1.0) < most_at(&case, 1.0));
         let more = Case { most_exact_points: Some(usize::MAX), ..case.clone() };
-        assert_eq!(allowance(&more), allowance(&case));
+        assert!(allowance(&more) == allowance(&case) && !is_limited(&more));
     }
 }

@@ -81,7 +81,7 @@ pub struct PanelRule<'a> {
     pub most: usize,
     /// Points that all integrals may take together, about.
     pub together: usize,
-    /// Whether the time of a study limits them, so that nothing is looked for within cells.
+    /// Whether a study with little time limits them, so that nothing is looked for within cells.
     pub is_limited: bool,
     /// The part of a density that may lie between the points of the first panels.
     pub unseen: f64,
