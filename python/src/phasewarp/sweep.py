@@ -45,13 +45,13 @@ error_density_l1_relative error_density_l2 error_density_l2_relative error_estim
 error_estimate_reliable error_l1 error_l1_relative error_l2 error_l2_relative error_momentum_l1
 error_momentum_l1_relative error_momentum_l2 error_momentum_l2_relative error_semidiscrete
 error_velocity_l1 exact_density_error exact_field_error exact_l1 exact_l2 fields files git
-group_seconds growth_bound growth_certificate imbalance inflow_unknowns instruction_set interface kinetic_energy ledger mass
-mass_exact mass_initial matvecs matvecs_here maximum memory_anonymous_bytes_per_rank
-memory_peak_bytes_per_rank memory_planned_bytes_per_rank method minimum minimum_before_limiting
-missed mode_groups modes norm_kept norm_ratio norm_ratio_planned points potential_energy
-probabilities ranks readout reductions resumed seconds solve_seconds solves space_blocks step_error
-time_error time_steps title tolerance unitarity_defect verdict version wall_seconds warnings
-weight_spread weight_sweeps
+group_seconds growth_bound growth_certificate imbalance inflow_unknowns instruction_set interface
+kinetic_energy ledger mass mass_exact mass_initial matvecs matvecs_here maximum
+memory_anonymous_bytes_per_rank memory_peak_bytes_per_rank memory_planned_bytes_per_rank method
+minimum minimum_before_limiting missed mode_groups modes norm_kept norm_ratio norm_ratio_planned
+points potential_energy probabilities ranks readout reductions resumed seconds solve_seconds solves
+space_blocks step_error time_error time_steps title tolerance unitarity_defect verdict version
+wall_seconds warnings weight_spread weight_sweeps
 """
 #: First parts of the keys of `columns`: the entries of `summary.json` (docs/usage.md).
 ENTRIES = frozenset(_ENTRIES.split())

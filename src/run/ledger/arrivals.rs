@@ -36,9 +36,10 @@ const LEAST_PARTICLES: usize = 16;
 const LEAST_REPLICATES: usize = 12;
 /// Largest standard error of the square of an error, as a part of it, with which the mean counts.
 const MOST_SCATTER: f64 = 0.2;
-/// Arrivals that are traced back through a curved `V` on half as many cells, and the factor by which
-/// the error falls from these to all cells: at least `2^{3/2}`, so that the difference is one less.
+/// Arrivals that are traced back through a curved `V` on half as many cells.
 const TRACED: usize = 256;
+/// What `f` changes by from these to all cells, in errors on all cells: from one to the other the
+/// error falls by a factor of at least `2^{3/2}`.
 const HALVED: f64 = 1.828;
 /// Number of numbers of an [`ArrivedParticle`].
 const NUMBERS: usize = 8;

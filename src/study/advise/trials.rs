@@ -264,7 +264,7 @@ impl<'a> Trials<'a> {
         of_degree.updates_per_exact_value(&case) * points
     }
 
-    /// Points that integrals of the exact solution may take in a trial of `scheme`, which is `case`.
+    /// Points that integrals of the exact solution may take in a trial of `scheme`, the run `case`.
     fn most_exact_points(&self, scheme: SchemeChoice, case: &Case) -> usize {
         let each = self.degree_case(scheme).updates_per_exact_value(case);
         (self.budget.updates(FOR_EXACT) / each) as usize
