@@ -20,7 +20,8 @@ const MOST_TEXT: u64 = 256 << 20;
 /// `world`.
 ///
 /// # Errors
-/// [`Error::Case`], the same on all ranks, that says what is wrong with a file.
+/// [`Error::Case`](crate::base::error::Error::Case), the same on all ranks, that says what is wrong
+/// with a file.
 pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
     let mut case = Cow::Borrowed(case);
     for k in 0..case.tables.len() {

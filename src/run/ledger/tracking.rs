@@ -24,9 +24,9 @@ pub struct ParticleTally {
     pub left: f64,
     /// `½ v_a² |mass|`, by axis.
     pub energy: [f64; MAX_DIMENSION],
-    /// Outflow, by [`AxisEnd::number`].
+    /// Outflow, by [number](crate::problem::grid::AxisEnd::number) of the end.
     pub outflow: [f64; ENDS],
-    /// Mass to which a jump of `V` gives a velocity outside of the box, by [`AxisEnd::number`].
+    /// Mass to which a jump of `V` gives a velocity outside of the box, by end as well.
     pub at_jumps: [f64; ENDS],
 }
 
