@@ -36,7 +36,9 @@ use crate::problem::case::{Case, Inflow};
 use crate::problem::exact::by_axes::{
     AxisLine, AxisPaths, EndByAxes, LineParticle, REST, moves_by_axes,
 };
-pub use crate::problem::exact::traced_grid::{MOST_EXAMINED, MostCells, traced_cells};
+pub use crate::problem::exact::traced_grid::{
+    MOST_EXAMINED, MostCells, traced_cells, traced_cells_of_axis,
+};
 use crate::problem::exact::traced_grid::{TracedGrid, free_layers, traced_grid};
 use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::Potential;

@@ -20,7 +20,7 @@ use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::ExpandedResults;
 use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::ledger::LedgerBeforeRun;
-use crate::run::ledger::arrivals::{Arrivals, ComparedResult};
+use crate::run::ledger::arrivals::{Arrivals, ComparedResult, error_of_exact};
 use crate::run::log::RunLog;
 use crate::run::options::Output;
 use crate::run::solution::Solution;
@@ -256,12 +256,13 @@ impl<'a> Driver<'a> {
         exact: &ExactRun,
     ) {
         let Some(arrivals) = arrivals.gathered(world) else { return };
-        // V was finite when it was assembled.
+        // Where V is not finite on other cells, that error is not known.
         let traced = arrivals.tracing_error(result.case).unwrap_or(None);
         let particles = arrivals.errors(world, result).beyond_tracing(traced.unwrap_or(0.0));
         self.summary.accuracy.particles = particles;
         let is_traced = result.case.traces_exact() && self.summary.error_l2_relative.is_some();
-        self.summary.exact_field_error = traced.filter(|_| is_traced);
+        let of_exact = traced.filter(|_| is_traced);
+        self.summary.exact_field_error = of_exact.map(|traced| error_of_exact(result.case, traced));
         // Measure-valued data, and densities that cancel, have no such error.
         let Some(known) = self.summary.exact_density_error else { return };
         let space = &result.case.space;

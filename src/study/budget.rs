@@ -145,7 +145,7 @@ impl Budget {
 
     /// Whether `updates` are at most this `part` of the whole budget.
     pub fn fits_count(&self, updates: f64, part: f64) -> bool {
-        updates <= part * self.allowed
+        updates <= self.updates(part)
     }
 
     /// Whether `updates` more still fit into this `part` of the budget by count, and rank 0's clock

@@ -2,11 +2,12 @@
 //! it; elements against a separate implementation; partial reflection.
 
 use crate::support::{
-    Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets, differences,
-    directory, json_of, near, on_results, run, text_of, written,
+    Finished, Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets,
+    differences, directory, json_of, near, on_results, run, text_of, written,
 };
 use phasewarp::base::text::{one_digit, short};
 use serde_json::Value;
+use std::path::Path;
 
 const CLASSICAL: &str = "solver.method=classical";
 
@@ -514,6 +515,15 @@ fn long_classical_steps_are_not_the_grids_error() {
     finished.contains(&finished.output, &words).unwrap();
 }
 
+/// The summary and the output of a run of the case `file` on two ranks, whose results are below
+/// `place`.
+fn solved(place: &Path, file: &str, settings: &[&str]) -> (Value, Finished) {
+    let results = place.join("results");
+    let job = Job::new(["run", file, "--force"]).set(settings).into(&results).on(2);
+    let finished = job.succeed().unwrap();
+    (json_of(results.join("summary.json")).unwrap(), finished)
+}
+
 /// In a well of a wide box, where particles bounce many times, the exact density is in filaments.
 /// Its mass is that of the data, as closely as its own error says. A density that cancels has no
 /// relative error.
@@ -521,12 +531,7 @@ fn long_classical_steps_are_not_the_grids_error() {
 fn exact_densities_see_filaments() {
     let place = directory();
     let file = written(place.path(), HIDDEN).unwrap();
-    let of = |settings: &[&str]| {
-        let results = place.path().join("results");
-        let job = Job::new(["run", &file, "--force"]).set(settings).into(&results).on(2);
-        job.succeed().unwrap();
-        json_of(results.join("summary.json")).unwrap()
-    };
+    let of = |settings: &[&str]| solved(place.path(), &file, settings).0;
     let long = ["time.end=600", "scheme.degree=1"];
     for settings in [&["time.end=60"][..], &["time.end=60", "scheme.degree=0"], &long] {
         let summary = of(settings);
@@ -565,12 +570,7 @@ method = "classical"
 fn errors_of_the_exact_solution_are_told_from_those_of_the_grid() {
     let place = directory();
     let file = written(place.path(), TURNS).unwrap();
-    let of = |settings: &[&str]| {
-        let results = place.path().join("results");
-        let job = Job::new(["run", &file, "--force"]).set(settings).into(&results).on(2);
-        let finished = job.succeed().unwrap();
-        (json_of(results.join("summary.json")).unwrap(), finished)
-    };
+    let of = |settings: &[&str]| solved(place.path(), &file, settings);
     let number = |summary: &Value, key: &str| summary[key].as_f64().unwrap();
     let (by_formula, _) = of(&["exact={f='exp(-10*(x-0.8)^2 - 10*v^2)'}"]);
     let own = number(&by_formula, "error_l2_relative");

@@ -81,6 +81,26 @@ fn curvature_is_found_along_axes_of_any_degree() {
     }
 }
 
+/// Estimates by particles and the exact solution have the same cells in one dimension. In two a
+/// curved `V` has more of them for the exact solution.
+#[test]
+fn the_exact_solution_has_more_cells_in_two_dimensions() {
+    for (n, more) in [(1, 1.0), (2, 2.0)] {
+        let scene = case(n, (-1.0, 1.0, 8), (-2.0, 2.0, 8), &[("", "2*x^2")], "1", "0");
+        let scene = Case { space: elements(&scene.space), ..scene };
+        let cells = |most| traced_cells_of_axis(&scene, most);
+        let ratio = cells(MostCells::EXACT) / cells(MostCells::ESTIMATES);
+        assert!((ratio - more).abs() < 1e-12, "{n}: {ratio}");
+    }
+}
+
+/// `space` with elements of degree 2.
+fn elements(space: &PhaseSpace) -> PhaseSpace {
+    let x = space.x.iter().map(|axis| axis.clone().with_nodes(Nodes::of_space(2)));
+    let v = space.v.iter().map(|axis| axis.clone().with_nodes(Nodes::of_velocity(2)));
+    PhaseSpace { x: x.collect(), v: v.collect(), ..space.clone() }
+}
+
 /// A tracer whose cells are those of the case, in each of which `V` is linear.
 fn tracer(case: &Case) -> Tracer<'_> {
     Tracer::with_cells(case, MostCells { curved: 1, ..MostCells::EXACT }).expect("V is finite")

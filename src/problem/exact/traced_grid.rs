@@ -124,6 +124,11 @@ pub fn traced_cells(case: &Case, most: MostCells) -> usize {
     cut_elements(case, &region_edges(&sample), most, is_curved).space_cells()
 }
 
+/// The number of these cells along an axis, as a mean over the axes.
+pub fn traced_cells_of_axis(case: &Case, most: MostCells) -> f64 {
+    (traced_cells(case, most) as f64).powf(1.0 / case.space.dimension() as f64)
+}
+
 /// The elements of the case, cut into parts. `edges` are those of the regions, by axis.
 fn cut_elements(
     case: &Case,

@@ -19,7 +19,7 @@ use crate::base::error::Result;
 use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::problem::exact::{MostCells, Tracer};
+use crate::problem::exact::{MostCells, Tracer, traced_cells_of_axis};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, coordinate, for_each_cell};
 use crate::results::accuracy::ParticleErrors;
 use crate::results::ledger::STANDARD_ERRORS;
@@ -38,9 +38,8 @@ const LEAST_REPLICATES: usize = 12;
 const MOST_SCATTER: f64 = 0.2;
 /// Arrivals that are traced back through a curved `V` on half as many cells.
 const TRACED: usize = 256;
-/// What `f` changes by from these to all cells, in errors on all cells: from one to the other the
-/// error falls by a factor of at least `2^{3/2}`.
-const HALVED: f64 = 1.828;
+/// Least order in the width of the cells at which the error of `f` falls there.
+const TRACING_ORDER: f64 = 1.5;
 /// Number of numbers of an [`ArrivedParticle`].
 const NUMBERS: usize = 8;
 
@@ -134,8 +133,8 @@ impl GatheredArrivals {
         ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
     }
 
-    /// About the relative L2 error that a curved `V` has in the values of some arrivals: what they
-    /// change by on half as many cells, divided by [`HALVED`]; `None` if there is no such error,
+    /// About the relative L2 error of the values of some arrivals as `V` is curved: what they
+    /// change by on half as many cells, in errors on all of them. `None` if there is no such error,
     /// or the data are measure-valued.
     ///
     /// # Errors
@@ -155,7 +154,9 @@ impl GatheredArrivals {
             error += mass / exact * (value - exact) * (value - exact);
             size += mass * exact;
         }
-        Ok(Some((error / size).sqrt() / HALVED).filter(|error| error.is_finite()))
+        let change = (error / size).sqrt();
+        let change_in_errors = 2f64.powf(TRACING_ORDER) - 1.0;
+        Ok(Some(change / change_in_errors).filter(|error| error.is_finite()))
     }
 
     /// The difference between a `mass` and that of all arrivals, beyond the scatter of the latter
@@ -262,6 +263,13 @@ impl GatheredArrivals {
         shown = shown.max(self.mass_difference(total));
         Some(shown / size).filter(|error| error.is_finite())
     }
+}
+
+/// The error of the exact solution of `case`, if that of particles is `traced`: in two and three
+/// dimensions it is traced through more cells.
+pub fn error_of_exact(case: &Case, traced: f64) -> f64 {
+    let cells = |most| traced_cells_of_axis(case, most);
+    traced * (cells(MostCells::ESTIMATES) / cells(MostCells::EXACT)).powf(TRACING_ORDER)
 }
 
 /// A mean over the replicates, and its standard error.

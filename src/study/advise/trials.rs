@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{AllowedReductions, Case, Exact, Limiter, Method};
-use crate::problem::exact::{MostCells, Tracer, traced_cells};
+use crate::problem::exact::{MostCells, Tracer, traced_cells_of_axis};
 use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::errors::exact_points;
 use crate::run::exact::velocities::limits::expected_points_of_averages;
@@ -92,10 +92,11 @@ impl DegreeCase {
         let Some(ExactPaths { steps, is_curved }) = self.paths else {
             return UPDATES_PER_FORMULA;
         };
-        let cells = |case: &Case, most: MostCells| traced_cells(case, most) as f64;
         let finer = match is_curved {
-            true => (cells(case, MostCells::EXACT) / cells(&self.base, MostCells::ESTIMATES))
-                .powf(1.0 / case.space.dimension() as f64),
+            true => {
+                traced_cells_of_axis(case, MostCells::EXACT)
+                    / traced_cells_of_axis(&self.base, MostCells::ESTIMATES)
+            }
             false => 1.0,
         };
         UPDATES_PER_FORMULA + UPDATES_PER_STEP * finer * steps
