@@ -21,7 +21,7 @@ use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
 use crate::matrix::potential_scan::PotentialScan;
 use crate::problem::case::{Case, Delta, Exact, Method};
-use crate::problem::exact::{MOST_EXAMINED, MostCells, traced_cells};
+use crate::problem::exact::{MOST_EXAMINED, MostCells, traced_bytes};
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::LargestJump;
 use crate::scheme::interface::energy::check_axis;
@@ -97,9 +97,9 @@ pub struct Bounds {
     pub weighted: bool,
     /// Whether there may be inflow.
     pub inflow: bool,
-    /// The value of [`traced_cells`](Self::traced_cells), once it was asked for.
+    /// The value of [`traced_bytes`](Self::traced_bytes), once it was asked for.
     #[serde(skip)]
-    pub traced: OnceLock<usize>,
+    pub traced: OnceLock<u64>,
     /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
     /// is known.
     pub stages: usize,
@@ -213,9 +213,9 @@ impl Bounds {
         }
     }
 
-    /// Number of space cells in which every rank keeps `V` while it traces particles of `case`, to
-    /// which the bounds belong: for the exact solution, or only for the estimates of the ledger.
-    pub fn traced_cells(&self, case: &Case) -> usize {
+    /// Memory of `V` on every rank while it traces particles of `case`, to which the bounds belong,
+    /// in bytes: for the exact solution, or only for the estimates of the ledger.
+    pub fn traced_bytes(&self, case: &Case) -> u64 {
         *self.traced.get_or_init(|| {
             let space = grid(case);
             let is_begun = case.start.is_some() || case.start_field.is_some();
@@ -224,7 +224,7 @@ impl Bounds {
                 _ if is_begun || space.space_cells() > MOST_EXAMINED => return 0,
                 _ => MostCells::ESTIMATES,
             };
-            traced_cells(&Case { space, ..case.clone() }, most)
+            traced_bytes(&Case { space, ..case.clone() }, most)
         })
     }
 

@@ -48,9 +48,6 @@ pub fn program_file_bytes(ranks: usize) -> u64 {
 /// are written.
 const TIME_BYTES: u64 = 5 << 9;
 
-/// Bytes of a cell in which particles are traced: slopes and jumps of `V`, distances.
-const TRACED_CELL_BYTES: u64 = 52;
-
 /// Bytes of a rank's buffers, unless one cell takes more.
 pub const BUFFERS: u64 = 16 << 20;
 
@@ -475,8 +472,7 @@ impl<'a> FullestRank<'a> {
 
     /// What traces particles of the exact flow: the whole potential, on every rank.
     fn traced(&self) -> NamedBytes {
-        let cells = self.bounds.traced_cells(self.case) as u64;
-        NamedBytes::new("potential of the exact flow", TRACED_CELL_BYTES * cells)
+        NamedBytes::new("potential of the exact flow", self.bounds.traced_bytes(self.case))
     }
 
     /// Numbers that are stored for a field at a point of space, at each output time: its moments,

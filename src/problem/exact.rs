@@ -8,8 +8,8 @@
 //!
 //! Back in time, `(x, −v)` obeys Newton's equations again. That motion is followed here, with
 //! `w = −v`; forward in time, for measure-valued data ([`sheet`]), `w = v`. `V` is that of the
-//! scheme: linear in a cell, so that a particle moves along each axis on a parabola
-//! `x + w s − slope s²/2`, and with jumps at faces, where a particle obeys the rule of the scheme
+//! scheme: quadratic along each axis in a cell, so that a particle moves there on a
+//! parabola, an oscillation or an exponential ([`motion`]), and with jumps at faces, where a particle obeys the rule of the scheme
 //! (`scheme::interface`; `rise` is `V` before the face minus `V` behind it):
 //!
 //! ```text
@@ -27,6 +27,8 @@
 //!   crossed first.
 
 mod by_axes;
+mod cells;
+mod motion;
 pub mod sheet;
 mod traced_grid;
 
@@ -36,12 +38,14 @@ use crate::problem::case::{Case, Inflow};
 use crate::problem::exact::by_axes::{
     AxisLine, AxisPaths, EndByAxes, LineParticle, REST, moves_by_axes,
 };
+use crate::problem::exact::cells::TracedPotential;
+use crate::problem::exact::motion::{Arrival, AxisMotion};
 pub use crate::problem::exact::traced_grid::{
-    MOST_EXAMINED, MostCells, traced_cells, traced_cells_of_axis,
+    MOST_EXAMINED, MostCells, traced_bytes, traced_cells_of_axis,
 };
 use crate::problem::exact::traced_grid::{TracedGrid, free_layers, traced_grid};
 use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION, PhaseSpace};
-use crate::problem::potential::Potential;
+use crate::problem::potential::ElementShape;
 
 /// Times closer than this fraction of the traced time are equal up to round-off. A face reached so
 /// close to time zero is not crossed.
@@ -74,8 +78,8 @@ pub struct TracedPath {
     pub history: u64,
     /// Number of turns around each periodic axis, upwards minus downwards.
     pub turns: [i32; MAX_DIMENSION],
-    /// Parts of the path on which `V` is linear: one more than the faces with a jump of `V` or of
-    /// its slope that were met.
+    /// Parts of the path on which `V` is linear, of a tracer with linear cells: one more than the
+    /// faces with a jump of `V` or of its slope that were met.
     pub segments: usize,
     /// Steps that were computed, each up to an end of a block of cells.
     pub steps: usize,
@@ -119,12 +123,23 @@ pub struct Crossing {
     pub velocity: f64,
 }
 
+/// A tracer with half as many cells along each axis as another.
+#[derive(Clone, Copy, Debug)]
+pub struct HalvedCells {
+    /// Its limits.
+    pub most: MostCells,
+    /// Least order in the width of the cells at which errors fall: that of particles that turn.
+    pub order: f64,
+}
+
 /// The exact solution of a case's boundary-value problem.
 ///
-/// The solution is exact if `V` is linear in regions whose edges are planes across an axis,
-/// wherever these lie. If `V` is curved, its error is `O(Δx²)` with the width `Δx` of the traced
-/// cells, and `O(Δx^(3/2))` for particles that turn around on the way. Edges of another shape are
-/// staircases of the traced cells, which are the case's cells unless `V` is curved.
+/// The solution is exact if `V` is a sum of quadratic functions of one coordinate each in regions
+/// whose edges are planes across an axis, wherever these lie. Otherwise `V` is approximated in
+/// traced cells of the width `Δx`. If it is a sum over the axes, the error is `O(Δx³)`, and
+/// `O(Δx^(5/2))` for particles that turn around on the way; if not, `O(Δx²)` and `O(Δx^(3/2))`.
+/// Edges of another shape are staircases of the traced cells, which are the case's cells unless `V`
+/// is approximated.
 ///
 /// Energy is conserved to round-off if `V` of every region is a sum of functions of one coordinate
 /// each, and those along a face with a jump are linear. Otherwise slopes are taken at the centre of
@@ -132,9 +147,9 @@ pub struct Crossing {
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
     case: &'a Case,
-    /// The case's box in elements of degree 0: `V` is linear in each.
+    /// The case's box in cells.
     space: PhaseSpace,
-    potential: Potential,
+    potential: TracedPotential,
     /// `w = direction · v`: −1 back in time, 1 forward.
     direction: f64,
     /// `faces[a][i]` is the lower face of cell `i` on space axis `a`.
@@ -152,8 +167,8 @@ pub struct Tracer<'a> {
     lines: Vec<AxisLine>,
     /// See [`Tracer::is_accurate`].
     is_accurate: bool,
-    /// Whether `V` is curved within an element of the case.
-    is_curved: bool,
+    /// See [`Tracer::is_approximate`].
+    is_approximate: bool,
 }
 
 /// A particle that is traced.
@@ -188,7 +203,19 @@ struct FreeBlock<'a> {
     /// Lower and upper face along each axis.
     lower: [f64; MAX_DIMENSION],
     upper: [f64; MAX_DIMENSION],
+    /// At the centre of the particle's cell.
     slopes: &'a [f64; MAX_DIMENSION],
+    curvatures: [f64; MAX_DIMENSION],
+    centre: [f64; MAX_DIMENSION],
+}
+
+impl FreeBlock<'_> {
+    /// The motion of the particle along axis `a`.
+    fn motion(&self, particle: &TracedParticle, a: usize) -> AxisMotion {
+        let (x, w, curvature) = (particle.x[a], particle.w[a], self.curvatures[a]);
+        let acceleration = -(self.slopes[a] + curvature * (x - self.centre[a]));
+        AxisMotion { x, w, acceleration, curvature }
+    }
 }
 
 /// Whether two slopes of `V` are equal up to round-off.
@@ -216,45 +243,6 @@ struct Event {
     face: Option<(f64, bool)>,
 }
 
-/// The arrival of a particle at an end of an interval.
-struct Arrival {
-    /// Infinite for a particle at rest.
-    time: f64,
-    /// The velocity at that time.
-    w: f64,
-    /// Whether the particle arrives at the upper end.
-    at_upper: bool,
-}
-
-/// First arrival of `x + w s + a s²/2` at an end of `[lower, upper]`, in which `x` lies.
-///
-/// With the distance `D` ahead and the acceleration `p` in the direction of motion, the speed at
-/// the end ahead is `r = √(w² + 2 p D)` and the time `2D/(|w| + r)`, free of cancellation. Without
-/// such an `r` the particle turns and arrives, from distance `D'`, at the end behind with `r' =
-/// √(w² + 2|p|D')` after the time `(|w| + r')/|p|`.
-fn arrival(x: f64, w: f64, a: f64, lower: f64, upper: f64) -> Arrival {
-    let up = w > 0.0 || (w == 0.0 && a > 0.0);
-    let sign = if up { 1.0 } else { -1.0 };
-    let (ahead, behind) = if up { (upper - x, x - lower) } else { (x - lower, upper - x) };
-    let (speed, push) = (w.abs(), sign * a);
-    let square = w * w + 2.0 * push * ahead;
-    if speed == 0.0 && push == 0.0 {
-        Arrival { time: f64::INFINITY, w, at_upper: up }
-    } else if ahead == 0.0 {
-        Arrival { time: 0.0, w, at_upper: up }
-    } else if push == 0.0 {
-        Arrival { time: ahead / speed, w, at_upper: up }
-    } else if push >= 0.0 || square > 0.0 {
-        let speed_there = square.sqrt();
-        let time = 2.0 * ahead / (speed + speed_there);
-        Arrival { time, w: sign * speed_there, at_upper: up }
-    } else {
-        let speed_there = (w * w - 2.0 * push * behind).sqrt();
-        let time = -(speed + speed_there) / push;
-        Arrival { time, w: -sign * speed_there, at_upper: !up }
-    }
-}
-
 impl<'a> Tracer<'a> {
     /// Prepares tracing in `case`'s potential.
     ///
@@ -269,8 +257,9 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn with_cells(case: &'a Case, most: MostCells) -> Result<Self> {
-        let TracedGrid { space, is_accurate, is_curved } = traced_grid(case, most)?;
-        let potential = Potential::whole(&Case { space: space.clone(), ..case.clone() })?;
+        let TracedGrid { space, shape, is_approximate, is_accurate } = traced_grid(case, most)?;
+        let is_bent = shape > ElementShape::Linear && !most.is_linear;
+        let potential = TracedPotential::new(case, space.clone(), is_bent)?;
         let rate = |a: usize| {
             let (x, v) = (space.x[a].width(), &space.v[a]);
             let fastest = v.largest_magnitude();
@@ -279,12 +268,12 @@ impl<'a> Tracer<'a> {
             fastest / x + (potential.steepest(a) / (8.0 * REST * x)).sqrt()
         };
         let face_rate = (0..space.dimension()).map(rate).sum();
-        let free = free_layers(&space, &potential);
+        let free = free_layers(&potential);
         let faces = |axis: &Axis| (0..=axis.cells as i64).map(|i| axis.face(i)).collect();
         let faces: Vec<Vec<f64>> = space.x.iter().map(faces).collect();
-        let paths = moves_by_axes(&space, &potential).then(AxisPaths::default);
+        let paths = moves_by_axes(&potential).then(AxisPaths::default);
         let lines = match paths.is_some() || space.dimension() == 1 {
-            true => AxisLine::all(&space, &potential, &faces, -1.0),
+            true => AxisLine::all(&potential, -1.0),
             false => Vec::new(),
         };
         let cells_per_length = space.x.iter().map(|axis| 1.0 / axis.width()).collect();
@@ -300,26 +289,30 @@ impl<'a> Tracer<'a> {
             paths,
             lines,
             is_accurate,
-            is_curved,
+            is_approximate,
         })
     }
 
-    /// Whether `V` is curved within an element of the case, so that its cells are an approximation.
-    pub fn is_curved(&self) -> bool {
-        self.is_curved
+    /// Whether `V` is approximated in the cells.
+    pub fn is_approximate(&self) -> bool {
+        self.is_approximate
     }
 
-    /// Limits for a tracer with half the cells along each axis, which shows the error of this one;
-    /// `None` if `V` is linear in each element, so that there is none, or no element is cut.
-    pub fn halved(&self) -> Option<MostCells> {
+    /// A tracer with half the cells along each axis, which shows the error of this one; `None` if
+    /// `V` is exact in the cells, so that there is none, or no element is cut.
+    pub fn halved(&self) -> Option<HalvedCells> {
         let axes = || self.space.x.iter().zip(&self.case.space.x);
         let is_cut = axes().all(|(cut, axis)| axis.cells == 1 || cut.cells > axis.elements());
         let curved = axes().map(|(cut, _)| cut.cells.div_ceil(2)).product();
-        (self.is_curved && is_cut).then_some(MostCells { curved, ..MostCells::ESTIMATES })
+        let is_sum = self.space.dimension() == 1 || self.paths.is_some();
+        (self.is_approximate && is_cut).then_some(HalvedCells {
+            most: MostCells { curved, ..MostCells::ESTIMATES },
+            order: if is_sum { 2.5 } else { 1.5 },
+        })
     }
 
-    /// Whether paths are accurate: `V` is linear in the elements of the case, or traced on at least
-    /// 128 cells along each axis that has more than one.
+    /// Whether paths are accurate: `V` is exact in the cells, or approximated on at least 128 cells
+    /// along each axis that has more than one.
     pub fn is_accurate(&self) -> bool {
         self.is_accurate
     }
@@ -411,7 +404,7 @@ impl<'a> Tracer<'a> {
             true => self.cell_at(a, point[a]),
             false => 0,
         });
-        self.potential.slope(&cells, axis)
+        self.potential.slope_at(&cells, axis, point[axis])
     }
 
     /// The origin of the particle that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.
@@ -432,8 +425,8 @@ impl<'a> Tracer<'a> {
     fn along_line(&self, particle: &TracedParticle, a: usize, time: f64) -> Option<LineParticle> {
         let line = self.lines.get(a)?;
         let left = time.max(0.0);
-        let start =
-            LineParticle { cell: particle.cell[a], x: particle.x[a], w: particle.w[a], left };
+        let piece = line.piece_of(particle.cell[a]);
+        let start = LineParticle { piece, x: particle.x[a], w: particle.w[a], left };
         let end = line.follow(start, ROUND_OFF * left, self.most_faces(left))?;
         let x = if end.left == 0.0 { self.snapped_to_face(a, end.x) } else { end.x };
         Some(LineParticle { x, ..end })
@@ -499,7 +492,7 @@ impl<'a> Tracer<'a> {
                     particle.cell = self.cell_at_face(&particle, &block, event.axis, upper);
                     let before = particle.history;
                     let exit = self.cross(&mut particle, event.axis, upper, meet);
-                    let bends = !alike(block.slopes, self.potential.slopes(&particle.cell));
+                    let bends = !alike(block.slopes, self.potential.linear.slopes(&particle.cell));
                     particle.segments += usize::from(bends || particle.history != before);
                     exit
                 }
@@ -597,13 +590,16 @@ impl<'a> Tracer<'a> {
             last: [0; MAX_DIMENSION],
             lower: [0.0; MAX_DIMENSION],
             upper: [0.0; MAX_DIMENSION],
-            slopes: self.potential.slopes(&particle.cell),
+            slopes: self.potential.linear.slopes(&particle.cell),
+            curvatures: self.potential.curvatures(&particle.cell),
+            centre: [0.0; MAX_DIMENSION],
         };
         for (a, faces) in self.faces.iter().enumerate() {
             let i = particle.cell[a];
             let (first, last) = (i.saturating_sub(free), (i + free).min(faces.len() - 2));
             (block.first[a], block.last[a]) = (first, last);
             (block.lower[a], block.upper[a]) = (faces[first], faces[last + 1]);
+            block.centre[a] = axes[a].centre(i as i64);
         }
         block
     }
@@ -622,32 +618,33 @@ impl<'a> Tracer<'a> {
                 first = Some(event);
             }
         };
-        let slopes = block.slopes;
         let moving = || (0..self.space.dimension()).filter(|&a| !particle.rests[a]);
         for a in moving() {
             let (lower, upper) = (block.lower[a], block.upper[a]);
-            let Arrival { time, w, at_upper } =
-                arrival(particle.x[a], particle.w[a], -slopes[a], lower, upper);
+            let Arrival { time, w, at_upper } = block.motion(particle, a).arrival(lower, upper);
             let end = if at_upper { upper } else { lower };
             take(Event { time, axis: a, w, face: Some((end, at_upper)) });
         }
-        for a in moving().filter(|&a| slopes[a] != 0.0) {
-            let (v, slope) = (&self.space.v[a], slopes[a]);
-            // w falls where V rises.
+        for a in moving() {
+            let v = &self.space.v[a];
             let ends = [v.lower, v.upper].map(|v| self.direction * v);
-            let end = if slope > 0.0 { ends[0].min(ends[1]) } else { ends[0].max(ends[1]) };
-            take(Event { time: (particle.w[a] - end) / slope, axis: a, w: end, face: None });
+            let [lower, upper] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
+            let motion = block.motion(particle, a);
+            if motion.may_leave(lower, upper) {
+                let Arrival { time, at_upper, .. } = motion.of_velocity().arrival(lower, upper);
+                take(Event { time, axis: a, w: if at_upper { upper } else { lower }, face: None });
+            }
         }
         first
     }
 
     /// Moves the particle for a time in which it stays in the block, up to round-off.
     fn advance(&self, particle: &mut TracedParticle, block: &FreeBlock<'_>, time: f64) {
-        for (a, slope) in block.slopes.iter().enumerate().take(self.space.dimension()) {
+        for a in 0..self.space.dimension() {
             if !particle.rests[a] {
-                let x = particle.x[a] + time * (particle.w[a] - 0.5 * slope * time);
+                let [x, w] = block.motion(particle, a).after(time);
                 particle.x[a] = x.max(block.lower[a]).min(block.upper[a]);
-                particle.w[a] -= slope * time;
+                particle.w[a] = w;
             }
         }
     }
@@ -702,7 +699,8 @@ impl<'a> Tracer<'a> {
     /// `V` before the upper or lower face of `cell` along `a` minus `V` behind it, at the centre of
     /// the face.
     fn rise_at_centre(&self, cell: &[usize; MAX_DIMENSION], a: usize, upper: bool) -> f64 {
-        if upper { -self.potential.jump_above(cell, a) } else { self.potential.jump_below(cell, a) }
+        let potential = &self.potential.linear;
+        if upper { -potential.jump_above(cell, a) } else { potential.jump_below(cell, a) }
     }
 
     /// `V` before a face that the particle has reached minus `V` behind it, in cell `there` along
@@ -713,12 +711,16 @@ impl<'a> Tracer<'a> {
         let cell = &particle.cell;
         let mut behind = *cell;
         behind[a] = there;
-        let [before, behind] = [cell, &behind].map(|cell| self.potential.slopes(cell));
         let mut rise = self.rise_at_centre(cell, a, upper);
         let mut is_jump = rise != 0.0;
-        for b in (0..self.space.dimension()).filter(|&b| b != a && before[b] != behind[b]) {
+        for b in (0..self.space.dimension()).filter(|&b| b != a) {
+            let [before, beyond] =
+                [cell, &behind].map(|cell| self.potential.rise_from_centre(cell, b, particle.x[b]));
+            if before == beyond {
+                continue;
+            }
             let own = cell[b] as i64;
-            rise -= (behind[b] - before[b]) * (particle.x[b] - self.space.x[b].centre(own));
+            rise -= beyond - before;
             let mut neighbours =
                 [own - 1, own + 1].into_iter().filter_map(|j| self.space.wrap(b, j));
             is_jump |= neighbours.any(|j| {
@@ -756,7 +758,8 @@ impl<'a> Tracer<'a> {
     /// The distance by which a particle at a face can move away from the face within its cell:
     /// `w²/(2|slope|)` if the slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
-        let push = -self.potential.slope(&particle.cell, a) * to_face;
+        let face = self.faces[a][particle.cell[a] + usize::from(to_face > 0.0)];
+        let push = -self.potential.slope_at(&particle.cell, a, face) * to_face;
         if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }
     }
 }

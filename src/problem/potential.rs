@@ -10,11 +10,13 @@
 //! the element; its derivative at a node is the slope there. A table that is constant around its
 //! points has, in the whole element, the value at the element's centre.
 
+mod curvature;
 mod edges;
 pub mod oblique;
 mod pieces;
 pub mod resolution;
 
+pub use crate::problem::potential::curvature::{ElementShape, curvatures};
 pub use crate::problem::potential::edges::{
     MOST_STRAY_EDGES, RegionWidth, StrayEdge, UnresolvedRegions, region_edges, region_widths,
     unresolved_regions,
@@ -262,20 +264,6 @@ impl Potential {
     /// Largest `|slope|` along `axis`.
     pub fn steepest(&self, axis: usize) -> f64 {
         self.slope.iter().fold(0.0, |most, s| most.max(s[axis].abs()))
-    }
-
-    /// Whether `V` is curved within an element of a degree above 0: whether its slope differs from
-    /// node to node by more than round-off.
-    pub fn is_curved(&self, space: &PhaseSpace) -> bool {
-        (0..space.dimension()).any(|a| {
-            let count = space.x[a].nodes.count();
-            let steepest = self.steepest(a);
-            (0..self.slope.len()).any(|p| {
-                let i = p / self.strides[a] % self.ranges[a].len();
-                let first = p - i % count * self.strides[a];
-                (self.slope[p][a] - self.slope[first][a]).abs() > 1e-9 * steepest
-            })
-        })
     }
 
     /// The different jumps along `axis`.

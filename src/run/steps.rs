@@ -20,7 +20,7 @@ use crate::run::exact::{ExactRun, exact_run};
 use crate::run::expand::ExpandedResults;
 use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::ledger::LedgerBeforeRun;
-use crate::run::ledger::arrivals::{Arrivals, ComparedResult, error_of_exact};
+use crate::run::ledger::arrivals::{Arrivals, ComparedResult};
 use crate::run::log::RunLog;
 use crate::run::options::Output;
 use crate::run::solution::Solution;
@@ -262,7 +262,8 @@ impl<'a> Driver<'a> {
         self.summary.accuracy.particles = particles;
         let is_traced = result.case.traces_exact() && self.summary.error_l2_relative.is_some();
         let of_exact = traced.filter(|_| is_traced);
-        self.summary.exact_field_error = of_exact.map(|traced| error_of_exact(result.case, traced));
+        self.summary.exact_field_error =
+            of_exact.map(|traced| arrivals.error_of_exact(result.case, traced));
         // Measure-valued data, and densities that cancel, have no such error.
         let Some(known) = self.summary.exact_density_error else { return };
         let space = &result.case.space;

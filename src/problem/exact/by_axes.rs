@@ -5,11 +5,12 @@
 //! once, and the points of a quadrature in several dimensions share a few paths. That saves most of
 //! the work where `V` has slopes, as each cell is an event there.
 //!
-//! [`AxisLine`] follows such a particle by one slope per cell and one jump per face, with the rules
-//! of [`Tracer::follow`](super::Tracer::follow), which takes over in rare situations.
+//! [`AxisLine`] follows such a particle from piece to piece of `V`, with the rules of
+//! [`Tracer::follow`](super::Tracer::follow), which takes over in rare situations.
 
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
-use crate::problem::potential::Potential;
+use crate::problem::exact::cells::TracedPotential;
+use crate::problem::exact::motion::AxisMotion;
+use crate::problem::grid::{MAX_DIMENSION, for_each_cell};
 use std::cell::RefCell;
 use std::collections::HashMap;
 
@@ -40,7 +41,8 @@ pub(super) enum EndByAxes {
 
 /// Whether there is more than one dimension, `V` has slopes, and motions along the axes are
 /// independent of each other.
-pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
+pub(super) fn moves_by_axes(traced: &TracedPotential) -> bool {
+    let (space, potential) = (&traced.space, &traced.linear);
     let n = space.dimension();
     let ranges = space.space_ranges();
     let mut largest = [0.0f64; MAX_DIMENSION];
@@ -49,7 +51,7 @@ pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
             *largest = largest.max(potential.jump_below(i, a).abs());
         }
     });
-    let steepest: Vec<f64> = (0..n).map(|a| potential.steepest(a)).collect();
+    let steepest: Vec<f64> = (0..n).map(|a| traced.steepest(a)).collect();
     let mut same = n > 1 && steepest.iter().any(|slope| *slope != 0.0);
     if !same {
         return false;
@@ -58,9 +60,11 @@ pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
         for a in 0..n {
             let mut alone = [0; MAX_DIMENSION];
             alone[a] = i[a];
-            let slopes = [i, &alone].map(|i| potential.slope(i, a));
+            let slopes = [i, &alone].map(|i| traced.slope(i, a));
+            let bent = [i, &alone].map(|i| traced.curvatures(i)[a] * space.x[a].width());
             let jumps = [i, &alone].map(|i| potential.jump_below(i, a));
             same &= (slopes[0] - slopes[1]).abs() <= SAME * steepest[a];
+            same &= (bent[0] - bent[1]).abs() <= SAME * steepest[a];
             same &= (jumps[0] - jumps[1]).abs() <= SAME * largest[a];
             same &= (jumps[0] == 0.0) == (jumps[1] == 0.0);
         }
@@ -71,9 +75,9 @@ pub(super) fn moves_by_axes(space: &PhaseSpace, potential: &Potential) -> bool {
 /// A particle that moves along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LineParticle {
-    /// The cell in which the particle is.
-    pub cell: usize,
-    /// Position of the particle, within the cell.
+    /// The piece of `V` in which the particle is.
+    pub piece: usize,
+    /// Position of the particle, within the piece.
     pub x: f64,
     /// Velocity in the direction of motion, `direction · v`.
     pub w: f64,
@@ -81,17 +85,52 @@ pub(super) struct LineParticle {
     pub left: f64,
 }
 
+/// A part of an axis on which `V` is one quadratic function: a cell, or several.
+#[derive(Clone, Copy, Debug)]
+struct AxisPiece {
+    lower: f64,
+    upper: f64,
+    centre: f64,
+    /// `∂V/∂x` at the centre.
+    slope: f64,
+    curvature: f64,
+}
+
+impl AxisPiece {
+    fn slope_at(&self, x: f64) -> f64 {
+        self.slope + self.curvature * (x - self.centre)
+    }
+
+    /// Whether the force vanishes inside of the piece and drives particles to that place.
+    fn has_well(&self) -> bool {
+        self.curvature > 0.0 && self.slope_at(self.lower) < 0.0 && self.slope_at(self.upper) > 0.0
+    }
+
+    /// One piece instead of successive `pieces` of equal widths, and whether it has their slopes up
+    /// to `tolerance`.
+    fn joined(pieces: &[Self], tolerance: f64) -> (Self, bool) {
+        let [first, last] = [pieces[0], pieces[pieces.len() - 1]];
+        let (lower, upper) = (first.lower, last.upper);
+        let slope = pieces.iter().map(|piece| piece.slope).sum::<f64>() / pieces.len() as f64;
+        let is_bent = pieces.iter().any(|piece| piece.curvature != 0.0);
+        let curvature = match is_bent && pieces.len() > 1 {
+            true => (last.slope - first.slope) / (last.centre - first.centre),
+            false => first.curvature,
+        };
+        let joined = Self { lower, upper, centre: 0.5 * (lower + upper), slope, curvature };
+        let fits = |piece: &Self| (joined.slope_at(piece.centre) - piece.slope).abs() <= tolerance;
+        (joined, pieces.iter().all(fits))
+    }
+}
+
 /// Faces, slopes and jumps along an axis on which they depend on the position along it alone.
 #[derive(Clone, Debug)]
 pub(super) struct AxisLine {
-    faces: Vec<f64>,
-    /// `∂V/∂x` by cell.
-    slopes: Vec<f64>,
-    /// `V⁺ − V⁻` by face, the lowest first, zero at the ends.
+    pieces: Vec<AxisPiece>,
+    /// The piece of each cell.
+    of_cell: Vec<usize>,
+    /// `V⁺ − V⁻` by end of a piece, the lowest first, zero at the ends of the axis.
     jumps: Vec<f64>,
-    /// By cell without a slope: the first and the last cell of the run of such cells around it that
-    /// no jump interrupts.
-    flat: Vec<[usize; 2]>,
     /// Whether the axis is periodic: the first cell follows the last one.
     is_periodic: bool,
     /// Least and largest velocity.
@@ -111,53 +150,73 @@ enum AtFace {
 }
 
 impl AxisLine {
-    /// All axes of `space`, with these `faces`; no axis if a velocity box does not contain zero.
-    /// Velocities are `w = direction · v`.
-    pub(super) fn all(
-        space: &PhaseSpace,
-        potential: &Potential,
-        faces: &[Vec<f64>],
-        direction: f64,
-    ) -> Vec<Self> {
-        let line = |a: usize| {
-            let cells = faces[a].len() - 1;
-            let at = |i: usize| {
-                let mut cell = [0; MAX_DIMENSION];
-                cell[a] = i;
-                cell
-            };
-            let inside = |i: usize| 0 < i && i < cells;
-            let jump = |i: usize| if inside(i) { potential.jump_below(&at(i), a) } else { 0.0 };
-            let slopes: Vec<f64> = (0..cells).map(|i| potential.slope(&at(i), a)).collect();
-            let jumps: Vec<f64> = (0..=cells).map(jump).collect();
-            let goes_on = |i: usize| slopes[i - 1] == 0.0 && slopes[i] == 0.0 && jumps[i] == 0.0;
-            let mut flat: Vec<[usize; 2]> = (0..cells).map(|i| [i, i]).collect();
-            for i in (1..cells).filter(|i| goes_on(*i)) {
-                flat[i][0] = flat[i - 1][0];
-            }
-            for i in (1..cells).rev().filter(|i| goes_on(*i)) {
-                flat[i - 1][1] = flat[i][1];
-            }
-            let ends = [space.v[a].lower, space.v[a].upper].map(|v| direction * v);
-            Self {
-                faces: faces[a].clone(),
-                slopes,
-                jumps,
-                flat,
-                is_periodic: space.is_periodic(a),
-                box_ends: [ends[0].min(ends[1]), ends[0].max(ends[1])],
-                rest: 8.0 * REST * space.x[a].width() * potential.steepest(a),
-            }
-        };
+    /// All axes; none if a velocity box does not contain zero. Velocities are `w = direction · v`.
+    pub(super) fn all(potential: &TracedPotential, direction: f64) -> Vec<Self> {
+        let space = &potential.space;
         match space.v.iter().all(|v| v.lower <= 0.0 && v.upper >= 0.0) {
-            true => (0..space.dimension()).map(line).collect(),
+            true => (0..space.dimension()).map(|a| Self::along(potential, a, direction)).collect(),
             false => Vec::new(),
         }
     }
 
+    /// The line through the first cells of the other axes.
+    fn along(potential: &TracedPotential, a: usize, direction: f64) -> Self {
+        let space = &potential.space;
+        let axis = &space.x[a];
+        let at = |i: usize| {
+            let mut cell = [0; MAX_DIMENSION];
+            cell[a] = i;
+            cell
+        };
+        let cell = |i: usize| AxisPiece {
+            lower: axis.face(i as i64),
+            upper: axis.face(i as i64 + 1),
+            centre: axis.centre(i as i64),
+            slope: potential.slope(&at(i), a),
+            curvature: potential.curvatures(&at(i))[a],
+        };
+        let cells: Vec<AxisPiece> = (0..axis.cells).map(cell).collect();
+        let jump = |i: usize| match 0 < i && i < axis.cells {
+            true => potential.linear.jump_below(&at(i), a),
+            false => 0.0,
+        };
+        let tolerance = SAME * potential.steepest(a);
+        let goes_on = |i: usize| {
+            let [below, above] = [&cells[i - 1], &cells[i]];
+            let bend = above.slope_at(above.lower) - below.slope_at(below.upper);
+            let change = (above.curvature - below.curvature) * axis.width();
+            jump(i) == 0.0 && bend.abs() <= tolerance && change.abs() <= tolerance
+        };
+        let (mut pieces, mut of_cell, mut jumps) = (Vec::new(), Vec::new(), vec![0.0]);
+        let mut first = 0;
+        while first < axis.cells {
+            let end = (first + 1..axis.cells).find(|&i| !goes_on(i)).unwrap_or(axis.cells);
+            let (joined, fits) = AxisPiece::joined(&cells[first..end], 16.0 * tolerance);
+            let end = if fits { end } else { first + 1 };
+            pieces.push(if fits { joined } else { cells[first] });
+            of_cell.resize(end, pieces.len() - 1);
+            jumps.push(jump(end));
+            first = end;
+        }
+        let ends = [space.v[a].lower, space.v[a].upper].map(|v| direction * v);
+        Self {
+            pieces,
+            of_cell,
+            jumps,
+            is_periodic: space.is_periodic(a),
+            box_ends: [ends[0].min(ends[1]), ends[0].max(ends[1])],
+            rest: 8.0 * REST * axis.width() * potential.steepest(a),
+        }
+    }
+
+    /// The piece of a cell.
+    pub(super) fn piece_of(&self, cell: usize) -> usize {
+        self.of_cell[cell]
+    }
+
     /// The particle when no time is left, or when it leaves the box. `None` if it may come to rest
-    /// at a face, leaves its velocity box within a cell, goes around a periodic axis, or meets more
-    /// than `most` faces.
+    /// at a face, leaves its velocity box within a piece, goes around a periodic axis, or meets
+    /// more than `most` faces.
     pub(super) fn follow(
         &self,
         start: LineParticle,
@@ -165,31 +224,34 @@ impl AxisLine {
         most: usize,
     ) -> Option<LineParticle> {
         let mut particle = start;
+        let is_inside = |w: f64| self.box_ends[0] < w && w < self.box_ends[1];
         for _ in 0..most {
-            let LineParticle { cell, x, w, left } = particle;
-            let up = w > 0.0;
-            let face = if self.slopes[cell] == 0.0 {
-                let [first, last] = self.flat[cell];
-                let (lower, upper) = (self.faces[first], self.faces[last + 1]);
-                let ahead = if up { upper - x } else { x - lower };
-                let time = ahead / w.abs();
-                // A particle at rest stays, even on a face.
-                if w == 0.0 || time >= left - round_off {
-                    let x = (x + w * left).max(lower).min(upper);
-                    return Some(LineParticle { x, left: 0.0, ..particle });
-                }
-                particle.left -= time;
-                if up { last + 1 } else { first }
-            } else {
-                if w == 0.0 || !self.glide(&mut particle, round_off) {
-                    return None;
-                }
-                if particle.left == 0.0 {
-                    return Some(particle);
-                }
-                particle.cell + usize::from(particle.w > 0.0)
-            };
-            match self.meet(&mut particle, face) {
+            let LineParticle { piece, x, w, left } = particle;
+            let here = &self.pieces[piece];
+            let force = -here.slope_at(x);
+            let motion = AxisMotion { x, w, acceleration: force, curvature: here.curvature };
+            if w == 0.0 && force != 0.0 {
+                return None;
+            }
+            let next = motion.arrival(here.lower, here.upper);
+            let is_last = next.time >= left - round_off;
+            if here.has_well() && self.leaves_velocities(&motion, next.time.min(left)) {
+                return None;
+            }
+            if is_last {
+                let [x, w] = motion.after(left);
+                let x = x.max(here.lower).min(here.upper);
+                let is_free = force == 0.0 && here.curvature == 0.0;
+                let end = LineParticle { piece, x, w, left: 0.0 };
+                return (is_free || is_inside(w)).then_some(end);
+            }
+            let changes = next.w != w;
+            if changes && (!is_inside(next.w) || next.w * next.w <= self.rest) {
+                return None;
+            }
+            particle.left -= next.time;
+            particle.w = next.w;
+            match self.meet(&mut particle, piece + usize::from(next.at_upper)) {
                 AtFace::Goes => {}
                 AtFace::Leaves => return Some(particle),
                 AtFace::Rare => return None,
@@ -198,60 +260,23 @@ impl AxisLine {
         None
     }
 
-    /// Moves a particle through cells with slopes until its time ends, or up to a face with a jump,
-    /// at an end of the box or of a cell without a slope. Its cell is then that before the face.
-    /// Returns false if only [`Tracer::follow`](super::Tracer::follow) can tell.
-    fn glide(&self, particle: &mut LineParticle, round_off: f64) -> bool {
-        let LineParticle { cell: mut i, mut x, mut w, mut left } = *particle;
-        let fastest = |sign: f64| if sign > 0.0 { self.box_ends[1] } else { -self.box_ends[0] };
-        let mut sign = w.signum();
-        let (mut square, mut speed) = (w * w, w.abs());
-        loop {
-            let (up, slope) = (sign > 0.0, self.slopes[i]);
-            let [behind, ahead] = match up {
-                true => [x - self.faces[i], self.faces[i + 1] - x],
-                false => [self.faces[i + 1] - x, x - self.faces[i]],
-            };
-            let push = -sign * slope;
-            let turns = square + 2.0 * push * ahead <= 0.0;
-            let gain = if turns { -push * behind } else { push * ahead };
-            let next = square + 2.0 * gain;
-            let there = next.sqrt();
-            let time = if turns { (speed + there) / -push } else { 2.0 * ahead / (speed + there) };
-            let out = if turns { -sign } else { sign };
-            if time >= left - round_off {
-                w = sign * speed;
-                x = (x + left * (w - 0.5 * slope * left)).max(self.faces[i]).min(self.faces[i + 1]);
-                w -= slope * left;
-                *particle = LineParticle { cell: i, x, w, left: 0.0 };
-                return (self.box_ends[0]..=self.box_ends[1]).contains(&w);
-            }
-            if there >= fastest(out) || next <= self.rest {
-                return false;
-            }
-            left -= time;
-            (sign, square, speed) = (out, next, there);
-            let face = i + usize::from(sign > 0.0);
-            x = self.faces[face];
-            let end = face == 0 || face + 1 == self.faces.len();
-            let beyond = if sign > 0.0 { i + 1 } else { i.wrapping_sub(1) };
-            if end || self.jumps[face] != 0.0 || self.slopes[beyond] == 0.0 {
-                *particle = LineParticle { cell: i, x, w: sign * speed, left };
-                return true;
-            }
-            i = beyond;
-        }
+    /// Whether a velocity leaves its box within a time.
+    fn leaves_velocities(&self, motion: &AxisMotion, time: f64) -> bool {
+        let [lower, upper] = self.box_ends;
+        motion.may_leave(lower, upper) && motion.of_velocity().arrival(lower, upper).time <= time
     }
 
     /// Transmits or reflects a particle that has arrived at a face.
     fn meet(&self, particle: &mut LineParticle, face: usize) -> AtFace {
         let up = particle.w > 0.0;
-        particle.x = self.faces[face];
-        if face == 0 || face + 1 == self.faces.len() {
+        let ends = self.pieces.len();
+        particle.x =
+            if face < ends { self.pieces[face].lower } else { self.pieces[ends - 1].upper };
+        if face == 0 || face == ends {
             return if self.is_periodic { AtFace::Rare } else { AtFace::Leaves };
         }
         let [here, there] = if up { [face - 1, face] } else { [face, face - 1] };
-        particle.cell = there;
+        particle.piece = there;
         if self.jumps[face] == 0.0 {
             return AtFace::Goes;
         }
@@ -261,7 +286,7 @@ impl AxisLine {
         if square > 0.0 {
             particle.w = square.sqrt().copysign(particle.w);
         } else {
-            (particle.cell, particle.w) = (here, -particle.w);
+            (particle.piece, particle.w) = (here, -particle.w);
         }
         let slow = particle.w * particle.w <= self.rest;
         match (self.box_ends[0]..=self.box_ends[1]).contains(&particle.w) {

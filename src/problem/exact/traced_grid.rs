@@ -1,30 +1,27 @@
-//! The grid on which particles are traced: `V` is linear in each cell and jumps only at faces.
+//! The grid on which particles are traced: `V` is quadratic in each cell and jumps only at faces.
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::element::Nodes;
+use crate::problem::exact::cells::TracedPotential;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
-use crate::problem::potential::{Potential, region_edges};
+use crate::problem::potential::{ElementShape, Potential, region_edges};
 
 /// An edge of a region this close to a face, as a fraction of an element, counts as lying on it.
 const EDGE_ON_FACE: f64 = 1e-9;
 /// Up to this many edges across an axis are taken for sides of boxes, on which faces are placed.
 const FEW_EDGES: usize = 8;
-/// Degree of the elements with which curvature of `V` is detected.
+/// Least degree of the elements with which the shape of `V` is detected.
 const CURVATURE_DEGREE: usize = 2;
 
 /// By space cell, row-major: the number of layers of cells around it that are, like itself, free of
 /// slopes and jumps.
-pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32> {
+pub(super) fn free_layers(potential: &TracedPotential) -> Vec<u32> {
+    let space = &potential.space;
     let n = space.dimension();
     let mut distance = Vec::with_capacity(space.space_cells());
     for_each_cell(&space.space_ranges(), |i| {
-        let free = (0..n).all(|a| {
-            potential.slope(i, a) == 0.0
-                && potential.jump_below(i, a) == 0.0
-                && potential.jump_above(i, a) == 0.0
-        });
-        distance.push(if free { u32::MAX } else { 0 });
+        distance.push(if potential.is_free(i) { u32::MAX } else { 0 });
     });
     // Chebyshev distance to the nearest cell that is not free, by one sweep up and one down
     // (Rosenfeld and Pfaltz 1966), over the neighbours that come before a cell in row-major order
@@ -57,13 +54,16 @@ pub(super) fn free_layers(space: &PhaseSpace, potential: &Potential) -> Vec<u32>
     distance
 }
 
-/// Largest numbers of space cells that elements are cut into for tracing.
+/// The cells on which particles are traced: their shape, and limits on the number into which
+/// elements are cut.
 #[derive(Clone, Copy, Debug)]
 pub struct MostCells {
-    /// Where `V` is curved.
+    /// `V` is taken as linear in a cell; otherwise as quadratic.
+    pub is_linear: bool,
+    /// Largest number of space cells where `V` has another shape.
     pub curved: usize,
-    /// So that edges of regions lie on faces, in two and three dimensions. In one there are up to
-    /// 8192.
+    /// Largest number so that edges of regions lie on faces, in two and three dimensions. In one
+    /// there are up to 8192.
     pub edges: usize,
 }
 
@@ -72,9 +72,15 @@ pub const MOST_EXAMINED: usize = 1 << 18;
 
 impl MostCells {
     /// For the exact solution.
-    pub const EXACT: Self = Self { curved: 1 << 21, edges: 1 << 21 };
+    pub const EXACT: Self = Self { is_linear: false, curved: 1 << 21, edges: 1 << 21 };
     /// For estimates by a few hundred particles.
-    pub const ESTIMATES: Self = Self { curved: 1 << 16, edges: 1 << 16 };
+    pub const ESTIMATES: Self = Self { is_linear: false, curved: 1 << 16, edges: 1 << 16 };
+
+    /// Whether a `V` of this shape within the elements is not exact in the cells.
+    fn approximates(self, shape: ElementShape) -> bool {
+        let exact = if self.is_linear { ElementShape::Linear } else { ElementShape::Quadratic };
+        shape > exact
+    }
 }
 
 /// Largest number of parts into which an element is cut along an axis.
@@ -82,37 +88,45 @@ const MOST_PARTS: usize = 64;
 /// In one dimension elements are cut into more parts if edges are on faces then, up to this number
 /// of cells.
 const MOST_CELLS_IN_LINE: usize = 8192;
-/// For degree 0, in up to two dimensions, curvature of `V` cuts elements into no more parts than
-/// make this number of cells along an axis.
+/// For degree 0, in up to two dimensions, a `V` that is approximated cuts elements into no more
+/// parts than make this number of cells along an axis.
 const ENOUGH_CELLS: usize = 512;
 
-/// A curved `V` is traced well enough to tell large errors of a run from small ones on at least
-/// this number of cells along each axis that has more than one.
+/// An approximated `V` is traced well enough to tell large errors of a run from small ones on at
+/// least this number of cells along each axis that has more than one.
 const FINE_CELLS: usize = 128;
+
+/// Memory of a space cell of a tracer: jumps, slopes and layers of free cells.
+const CELL_BYTES: u64 = 52;
+/// Memory of the curvatures in a space cell.
+const CURVATURE_BYTES: u64 = 24;
 
 /// The grid on which particles are traced.
 pub(super) struct TracedGrid {
     /// Its cells.
     pub space: PhaseSpace,
-    /// Whether `V` is linear in the case's elements, or curved and on enough cells.
+    /// How `V` varies within the case's elements.
+    pub shape: ElementShape,
+    /// Whether `V` has another shape in the elements than in the cells.
+    pub is_approximate: bool,
+    /// Whether `V` is exact in the cells, or approximated on enough of them.
     pub is_accurate: bool,
-    /// Whether `V` is curved within an element of the case.
-    pub is_curved: bool,
 }
 
 /// The grid on which particles are traced. Its cells are the case's elements, cut into parts for
-/// two reasons: if `V` is curved in an element, into as many as `most` allows; and if an edge of a
-/// region lies inside of an element, so that it comes to lie on a face.
+/// two reasons: if `V` is approximated in the cells, into as many as `most` allows; and if an edge
+/// of a region lies inside of an element, so that it comes to lie on a face.
 pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
-    let is_curved = is_curved(case)?;
-    let space = cut_elements(case, &region_edges(case), most, is_curved);
+    let shape = element_shape(case)?;
+    let is_approximate = most.approximates(shape);
+    let space = cut_elements(case, &region_edges(case), most, is_approximate);
     let is_fine = space.x.iter().all(|axis| axis.cells == 1 || axis.cells >= FINE_CELLS);
-    Ok(TracedGrid { space, is_accurate: !is_curved || is_fine, is_curved })
+    Ok(TracedGrid { space, shape, is_approximate, is_accurate: !is_approximate || is_fine })
 }
 
-/// Number of space cells in which [`Tracer::with_cells`](super::Tracer::with_cells) keeps `V`, from
-/// a sample of elements: up to 64 along an axis in one and two dimensions, up to 16 in three.
-pub fn traced_cells(case: &Case, most: MostCells) -> usize {
+/// The shape of `V` in a sample of elements, up to 64 along an axis in one and two dimensions, up
+/// to 16 in three, and the number of space cells of a tracer that follows from it.
+fn sampled_cells(case: &Case, most: MostCells) -> (ElementShape, usize) {
     const SAMPLED: [usize; MAX_DIMENSION] = [64, 64, 16];
     let mut sample = case.clone();
     let sampled = SAMPLED[case.space.dimension() - 1];
@@ -120,13 +134,23 @@ pub fn traced_cells(case: &Case, most: MostCells) -> usize {
         axis.cells = axis.elements().min(sampled) * axis.nodes.count();
     }
     // Where V of the sample is not finite, that of the case may be.
-    let is_curved = is_curved(&sample).unwrap_or(true);
-    cut_elements(case, &region_edges(&sample), most, is_curved).space_cells()
+    let shape = element_shape(&sample).unwrap_or(ElementShape::General);
+    let space = cut_elements(case, &region_edges(&sample), most, most.approximates(shape));
+    (shape, space.space_cells())
 }
 
-/// The number of these cells along an axis, as a mean over the axes.
+/// About the memory of a [`Tracer::with_cells`](super::Tracer::with_cells), in bytes: `V` in its
+/// space cells.
+pub fn traced_bytes(case: &Case, most: MostCells) -> u64 {
+    let (shape, cells) = sampled_cells(case, most);
+    let is_bent = shape > ElementShape::Linear && !most.is_linear;
+    cells as u64 * (CELL_BYTES + if is_bent { CURVATURE_BYTES } else { 0 })
+}
+
+/// About the number of space cells of a [`Tracer::with_cells`](super::Tracer::with_cells) along an
+/// axis, as a mean over the axes.
 pub fn traced_cells_of_axis(case: &Case, most: MostCells) -> f64 {
-    (traced_cells(case, most) as f64).powf(1.0 / case.space.dimension() as f64)
+    (sampled_cells(case, most).1 as f64).powf(1.0 / case.space.dimension() as f64)
 }
 
 /// The elements of the case, cut into parts. `edges` are those of the regions, by axis.
@@ -134,7 +158,7 @@ fn cut_elements(
     case: &Case,
     edges: &[Option<Vec<f64>>],
     most: MostCells,
-    is_curved: bool,
+    is_approximate: bool,
 ) -> PhaseSpace {
     let mut space = case.space.by_elements();
     let (n, cells) = (space.dimension(), space.space_cells());
@@ -144,7 +168,7 @@ fn cut_elements(
     };
     let enough = room(most.curved);
     for (axis, edges) in space.x.iter_mut().zip(edges) {
-        let least = match (is_curved, case.space.whole_degree()) {
+        let least = match (is_approximate, case.space.whole_degree()) {
             (false, _) => 1,
             (true, 0) if n == MAX_DIMENSION => 1,
             (true, 0) => enough.min(ENOUGH_CELLS.div_ceil(axis.cells)),
@@ -162,17 +186,17 @@ fn cut_elements(
     space
 }
 
-/// Whether `V` is curved within any element of the case.
-fn is_curved(case: &Case) -> Result<bool> {
+/// How `V` varies within the elements of the case.
+fn element_shape(case: &Case) -> Result<ElementShape> {
     if case.space.x.iter().all(|axis| axis.nodes.degree >= CURVATURE_DEGREE) {
-        return Ok(Potential::whole(case)?.is_curved(&case.space));
+        return Ok(Potential::whole(case)?.shape(&case.space));
     }
     let mut space = case.space.by_elements();
     for axis in &mut space.x {
         *axis = axis.clone().with_nodes(Nodes::of_space(CURVATURE_DEGREE));
     }
     let case = Case { space, ..case.clone() };
-    Ok(Potential::whole(&case)?.is_curved(&case.space))
+    Ok(Potential::whole(&case)?.shape(&case.space))
 }
 
 /// The least number of parts of an element, from `least` to `most`, with which all `edges` lie on

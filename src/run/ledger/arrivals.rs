@@ -19,7 +19,7 @@ use crate::base::error::Result;
 use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::problem::exact::{MostCells, Tracer, traced_cells_of_axis};
+use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, coordinate, for_each_cell};
 use crate::results::accuracy::ParticleErrors;
 use crate::results::ledger::STANDARD_ERRORS;
@@ -38,8 +38,6 @@ const LEAST_REPLICATES: usize = 12;
 const MOST_SCATTER: f64 = 0.2;
 /// Arrivals that are traced back through a curved `V` on half as many cells.
 const TRACED: usize = 256;
-/// Least order in the width of the cells at which the error of `f` falls there.
-const TRACING_ORDER: f64 = 1.5;
 /// Number of numbers of an [`ArrivedParticle`].
 const NUMBERS: usize = 8;
 
@@ -69,14 +67,14 @@ impl ArrivedParticle {
 #[derive(Default)]
 pub struct Arrivals {
     by_replicate: [Vec<ArrivedParticle>; REPLICATES],
-    /// Limits for a tracer with half the cells, if the cells of `V` are an approximation.
-    pub halved: Option<MostCells>,
+    /// A tracer with half the cells, if the cells of `V` are an approximation.
+    pub halved: Option<HalvedCells>,
 }
 
 /// The arrivals of all replicates, the same on all ranks.
 pub struct GatheredArrivals {
     by_replicate: Vec<Vec<ArrivedParticle>>,
-    halved: Option<MostCells>,
+    halved: Option<HalvedCells>,
 }
 
 /// A result on a rank's share of its grid.
@@ -133,9 +131,9 @@ impl GatheredArrivals {
         ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
     }
 
-    /// About the relative L2 error of the values of some arrivals as `V` is curved: what they
-    /// change by on half as many cells, in errors on all of them. `None` if there is no such error,
-    /// or the data are measure-valued.
+    /// About the relative L2 error of the values of some arrivals where `V` is approximated: what
+    /// they change by on half as many cells, in errors on all of them. `None` if there is no such
+    /// error, or the data are measure-valued.
     ///
     /// # Errors
     /// If `V` is not finite.
@@ -143,7 +141,7 @@ impl GatheredArrivals {
         let Some(halved) = self.halved.filter(|_| !case.is_measure_valued()) else {
             return Ok(None);
         };
-        let coarser = Tracer::with_cells(case, halved)?;
+        let coarser = Tracer::with_cells(case, halved.most)?;
         let all = self.by_replicate.concat();
         let step = all.len().div_ceil(TRACED);
         let some: Vec<ArrivedParticle> = all.into_iter().step_by(step).collect();
@@ -155,8 +153,16 @@ impl GatheredArrivals {
             size += mass * exact;
         }
         let change = (error / size).sqrt();
-        let change_in_errors = 2f64.powf(TRACING_ORDER) - 1.0;
+        let change_in_errors = 2f64.powf(halved.order) - 1.0;
         Ok(Some(change / change_in_errors).filter(|error| error.is_finite()))
+    }
+
+    /// The error of the exact solution of `case`, if that of particles is `traced`: in two and
+    /// three dimensions it is traced through more cells.
+    pub fn error_of_exact(&self, case: &Case, traced: f64) -> f64 {
+        let cells = |most| traced_cells_of_axis(case, most);
+        let order = self.halved.map_or(0.0, |halved| halved.order);
+        traced * (cells(MostCells::ESTIMATES) / cells(MostCells::EXACT)).powf(order)
     }
 
     /// The difference between a `mass` and that of all arrivals, beyond the scatter of the latter
@@ -263,13 +269,6 @@ impl GatheredArrivals {
         shown = shown.max(self.mass_difference(total));
         Some(shown / size).filter(|error| error.is_finite())
     }
-}
-
-/// The error of the exact solution of `case`, if that of particles is `traced`: in two and three
-/// dimensions it is traced through more cells.
-pub fn error_of_exact(case: &Case, traced: f64) -> f64 {
-    let cells = |most| traced_cells_of_axis(case, most);
-    traced * (cells(MostCells::ESTIMATES) / cells(MostCells::EXACT)).powf(TRACING_ORDER)
 }
 
 /// A mean over the replicates, and its standard error.

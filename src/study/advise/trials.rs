@@ -71,8 +71,8 @@ pub struct DegreeCase {
 struct ExactPaths {
     /// Mean number of their steps.
     steps: f64,
-    /// Whether `V` is curved, so that a step is a cell of the tracer.
-    is_curved: bool,
+    /// Whether `V` is approximated, so that a step is a cell of the tracer.
+    is_approximate: bool,
 }
 
 impl DegreeCase {
@@ -89,10 +89,10 @@ impl DegreeCase {
 
     /// Updates that an exact value counts as on the grid of `case`.
     fn updates_per_exact_value(&self, case: &Case) -> f64 {
-        let Some(ExactPaths { steps, is_curved }) = self.paths else {
+        let Some(ExactPaths { steps, is_approximate }) = self.paths else {
             return UPDATES_PER_FORMULA;
         };
-        let finer = match is_curved {
+        let finer = match is_approximate {
             true => {
                 traced_cells_of_axis(case, MostCells::EXACT)
                     / traced_cells_of_axis(&self.base, MostCells::ESTIMATES)
@@ -112,7 +112,7 @@ impl ExactPaths {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
         let points = case.space.random_points(TRACED);
         let steps: usize = points.iter().map(|at| tracer.follow(at, case.end).steps).sum();
-        Ok(Self { steps: steps as f64 / TRACED as f64, is_curved: tracer.is_curved() })
+        Ok(Self { steps: steps as f64 / TRACED as f64, is_approximate: tracer.is_approximate() })
     }
 }
 

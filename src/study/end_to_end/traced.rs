@@ -261,7 +261,8 @@ impl DensityAtPoint<'_> {
             shape[..n].fill(cells);
             let coarse = on_grid(self.case, &shape);
             let curved = coarse.space.by_elements().space_cells();
-            let tracer = Tracer::with_cells(&coarse, MostCells { curved, ..MostCells::EXACT })?;
+            let linear = MostCells { is_linear: true, ..MostCells::EXACT };
+            let tracer = Tracer::with_cells(&coarse, MostCells { curved, ..linear })?;
             let value = |at: &[f64; 6]| tracer.value(at, coarse.end);
             let there = DensityAtPoint { case: &coarse, value: Box::new(value), ..*self };
             let found = there.by_quadrature(accuracy);
@@ -270,7 +271,8 @@ impl DensityAtPoint<'_> {
             }
             cells *= 2;
         }
-        Ok(segments(&Tracer::new(self.case)?))
+        let linear = MostCells { is_linear: true, ..MostCells::EXACT };
+        Ok(segments(&Tracer::with_cells(self.case, linear)?))
     }
 }
 

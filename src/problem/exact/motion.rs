@@ -1,0 +1,115 @@
+//! Motion along an axis on which `V` is quadratic.
+//!
+//! `x'' = a − κ (x(s) − x)` with the acceleration `a` at the start and the curvature `κ = ∂²V/∂x²`:
+//! a parabola for `κ = 0`, an oscillation with the frequency `√κ`, or an exponential with the rate
+//! `√−κ`. Speeds follow from energy and times from half angles, so that nothing cancels: between
+//! the states `(x₁, w₁, a₁)` and `(x₂, w₂, a₂)`, with `t(s)` for `tan(√κ s/2)/√κ`, `s/2` and
+//! `tanh(√−κ s/2)/√−κ`,
+//!
+//! ```text
+//! x₂ − x₁ = (w₁ + w₂) t(s)        w₂ − w₁ = (a₁ + a₂) t(s)
+//! ```
+
+use std::cmp::Ordering;
+
+/// A particle on an axis, and the force on it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct AxisMotion {
+    /// Position.
+    pub x: f64,
+    /// Velocity.
+    pub w: f64,
+    /// Acceleration at that position.
+    pub acceleration: f64,
+    /// By how much the acceleration falls per length.
+    pub curvature: f64,
+}
+
+/// The arrival of a particle at an end of an interval.
+pub(super) struct Arrival {
+    /// Infinite for a particle that stays in the interval.
+    pub time: f64,
+    /// The velocity at that time.
+    pub w: f64,
+    /// Whether the particle arrives at the upper end.
+    pub at_upper: bool,
+}
+
+impl AxisMotion {
+    /// First arrival at an end of `[lower, upper]`, in which `x` lies.
+    ///
+    /// With the distance `D` ahead and the acceleration `p` in the direction of motion, the speed
+    /// at the end ahead is `r = √(w² + 2 p D − κ D²)`. Without such an `r`, or if the speed
+    /// vanishes before, the particle turns; it may then arrive at the end behind.
+    pub fn arrival(&self, lower: f64, upper: f64) -> Arrival {
+        let &Self { x, w, acceleration, curvature } = self;
+        let up = w > 0.0 || (w == 0.0 && acceleration > 0.0);
+        let sign = if up { 1.0 } else { -1.0 };
+        let (ahead, behind) = if up { (upper - x, x - lower) } else { (x - lower, upper - x) };
+        let (speed, push) = (w.abs(), sign * acceleration);
+        if speed == 0.0 && push == 0.0 {
+            return Arrival { time: f64::INFINITY, w, at_upper: up };
+        }
+        if ahead == 0.0 {
+            return Arrival { time: 0.0, w, at_upper: up };
+        }
+        let square = w * w + ahead * (2.0 * push - curvature * ahead);
+        // The least w² on the way, at the top of a hill.
+        let passes_top =
+            push >= 0.0 || push <= curvature * ahead || w * w * curvature + push * push < 0.0;
+        let force_free = push == 0.0 && curvature == 0.0;
+        if force_free || (square > 0.0 && passes_top) {
+            let there = square.sqrt();
+            let time = self.time_of(ahead, speed + there);
+            return Arrival { time, w: sign * there, at_upper: up };
+        }
+        let square = w * w - behind * (2.0 * push + curvature * behind);
+        if square <= 0.0 {
+            return Arrival { time: f64::INFINITY, w, at_upper: !up };
+        }
+        let there = square.sqrt();
+        let time = self.time_of(speed + there, -(2.0 * push + curvature * behind));
+        Arrival { time, w: -sign * there, at_upper: !up }
+    }
+
+    /// The time `s` with `t(s) = change/sum`, `change ≥ 0`; less than a period.
+    fn time_of(&self, change: f64, sum: f64) -> f64 {
+        let rate = self.curvature.abs().sqrt();
+        match self.curvature.total_cmp(&0.0) {
+            _ if rate == 0.0 => 2.0 * change / sum,
+            Ordering::Greater => 2.0 / rate * (rate * change).atan2(sum),
+            // Round-off may bring the particle to the top of the hill.
+            _ if rate * change >= sum => f64::INFINITY,
+            _ => 2.0 / rate * (rate * change / sum).atanh(),
+        }
+    }
+
+    /// Position and velocity after `time`.
+    pub fn after(&self, time: f64) -> [f64; 2] {
+        let &Self { x, w, acceleration, curvature } = self;
+        let rate = curvature.abs().sqrt();
+        if rate == 0.0 || (w == 0.0 && acceleration == 0.0) {
+            return [x + time * (w + 0.5 * acceleration * time), w + acceleration * time];
+        }
+        let half = 0.5 * rate * time;
+        let (sin, cos) = if curvature > 0.0 { half.sin_cos() } else { (half.sinh(), half.cosh()) };
+        let moved = 2.0 * sin * (w * cos + acceleration * sin / rate) / rate;
+        [x + moved, w + 2.0 * sin * (acceleration * cos - curvature / rate * w * sin) / rate]
+    }
+
+    /// Whether the velocity may leave `[lower, upper]` at any time.
+    pub fn may_leave(&self, lower: f64, upper: f64) -> bool {
+        let &Self { w, acceleration, curvature, .. } = self;
+        if curvature <= 0.0 {
+            return acceleration != 0.0 || curvature * w != 0.0;
+        }
+        let most = w * w + acceleration * acceleration / curvature;
+        most >= upper.min(-lower).max(0.0).powi(2)
+    }
+
+    /// The velocity as a position: `w'' = −κ w`, with `w' = a`.
+    pub fn of_velocity(&self) -> Self {
+        let &Self { w, acceleration, curvature, .. } = self;
+        Self { x: w, w: acceleration, acceleration: -curvature * w, curvature }
+    }
+}
