@@ -44,7 +44,7 @@ pub use crate::problem::exact::traced_grid::{
     MOST_EXAMINED, MostCells, traced_bytes, traced_cells_of_axis,
 };
 use crate::problem::exact::traced_grid::{TracedGrid, free_layers, traced_grid};
-use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION, PhaseSpace};
+use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::problem::potential::ElementShape;
 
 /// Times closer than this fraction of the traced time are equal up to round-off. A face reached so
@@ -121,6 +121,18 @@ pub struct Crossing {
     pub rise: f64,
     /// The normal velocity before.
     pub velocity: f64,
+}
+
+/// A particle before a jump of `V` that brings it to a given velocity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BeforeFace {
+    /// The normal velocity before the face.
+    pub velocity: f64,
+    /// The coordinate of the face on the side before it, and on that behind it. They differ at the
+    /// ends of a periodic axis.
+    pub from: f64,
+    /// See [`from`](Self::from).
+    pub to: f64,
 }
 
 /// A tracer with half as many cells along each axis as another.
@@ -358,14 +370,18 @@ impl<'a> Tracer<'a> {
     }
 
     /// The point at which the data of the particle from `foot` are evaluated: just outside of the
-    /// box where it entered through an end.
+    /// box where it entered through an end. If a jump of `V` brought it in, that is on the side of
+    /// the face from which it came.
     fn data_point(&self, foot: &Foot) -> [f64; 6] {
         let mut point = foot.point;
-        if foot.entry > 0.0 {
-            let (places, velocities) = point.split_at_mut(MAX_DIMENSION);
-            let along = self.space.x.iter().zip(places);
-            for (axis, place) in along.chain(self.space.v.iter().zip(velocities)) {
-                *place = axis.outside_of_end(*place);
+        if foot.entry == 0.0 {
+            return point;
+        }
+        for (a, (x, v)) in self.space.x.iter().zip(&self.space.v).enumerate() {
+            point[a] = x.outside_of_end(point[a]);
+            point[3 + a] = v.outside_of_end(point[3 + a]);
+            if !(v.lower..=v.upper).contains(&point[3 + a]) {
+                point[a] -= x.small_step().copysign(point[3 + a]);
             }
         }
         point
@@ -405,6 +421,35 @@ impl<'a> Tracer<'a> {
             false => 0,
         });
         self.potential.slope_at(&cells, axis, point[axis])
+    }
+
+    /// The faces across an axis at which `V` jumps anywhere: the numbers of the cells above them.
+    pub fn faces_with_jumps(&self, axis: usize) -> Vec<usize> {
+        let mut found = vec![false; self.space.x[axis].cells];
+        for_each_cell(&self.space.space_ranges(), |cell| {
+            found[cell[axis]] |= self.potential.linear.jump_below(cell, axis) != 0.0;
+        });
+        (0..found.len()).filter(|face| found[*face]).collect()
+    }
+
+    /// The particle that has the velocity of `point`, not zero along `axis`, right behind the face
+    /// below cell `face` of that axis, before it met the jump there; `None` if `V` does not jump at
+    /// that place. The coordinate of `point` along the axis is ignored.
+    pub fn before_face(&self, point: &[f64; 6], axis: usize, face: usize) -> Option<BeforeFace> {
+        let (x, v) = (&self.space.x[axis], point[3 + axis]);
+        let up = v > 0.0;
+        let below = self.space.wrap(axis, face as i64 - 1)?;
+        let (behind, before) = if up { (face, below) } else { (below, face) };
+        let [to, from] = [(behind, up), (before, !up)]
+            .map(|(cell, is_above)| self.faces[axis][cell + usize::from(!is_above)]);
+        let mut place = *point;
+        place[axis] = x.centre(behind as i64);
+        // Back through the face: V behind it minus V before it.
+        let rise = self.rise(&self.start(&place)?, axis, !up, before);
+        let square = v * v + 2.0 * rise;
+        let reflected = BeforeFace { velocity: -v, from: to, to };
+        let transmitted = BeforeFace { velocity: square.max(0.0).sqrt().copysign(v), from, to };
+        (rise != 0.0).then_some(if square > 0.0 { transmitted } else { reflected })
     }
 
     /// The origin of the particle that is at `point = [x, y, z, vx, vy, vz]` at `time ≥ 0`.

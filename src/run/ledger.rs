@@ -144,7 +144,7 @@ struct TallyEstimate {
 /// The estimates of each source of particles.
 struct SourceEstimates {
     initial: TallyEstimate,
-    entering: Vec<(AxisEnd, TallyEstimate)>,
+    entering: Vec<(ParticleSource, TallyEstimate)>,
 }
 
 impl SourceEstimates {
@@ -157,14 +157,8 @@ impl SourceEstimates {
     ) -> Self {
         let case = sampler.case;
         let initial = replicated(world, sampler, tracker, ParticleSource::Initial, points);
-        let (n, measure) = (case.space.dimension(), case.is_measure_valued());
-        let entering = case.space.open_ends().into_iter();
-        let entering = entering.filter(|end| case.enters() && (end.axis < n || !measure));
-        let mut follow = |end: AxisEnd| {
-            let source = ParticleSource::Entering(end);
-            (end, replicated(world, sampler, tracker, source, points))
-        };
-        let entering = entering.map(&mut follow).collect();
+        let mut follow = |source| (source, replicated(world, sampler, tracker, source, points));
+        let entering = inflow_sources(case, sampler.flow).into_iter().map(&mut follow).collect();
         Self { initial, entering }
     }
 
@@ -177,10 +171,11 @@ impl SourceEstimates {
         self.all().map(|found| of(&found.mean)).sum()
     }
 
-    /// Mass that enters through an end.
+    /// Mass that enters through an end, also at jumps.
     fn entering_mass(&self, end: AxisEnd) -> f64 {
-        let found = self.entering.iter().find(|(other, _)| *other == end);
-        found.map_or(0.0, |(_, found)| found.mean.mass)
+        let sources = [ParticleSource::Entering(end), ParticleSource::AtJumps(end)];
+        let found = self.entering.iter().filter(|(source, _)| sources.contains(source));
+        found.map(|(_, found)| found.mean.mass).sum()
     }
 
     /// Standard error of the mass that enters.
@@ -196,6 +191,23 @@ impl SourceEstimates {
     }
 }
 
+/// The sources of particles that enter the box of `case`. At a jump of partial reflection a
+/// particle has no single origin: such sources are left out.
+fn inflow_sources(case: &Case, flow: &Tracer<'_>) -> Vec<ParticleSource> {
+    let (n, measure) = (case.space.dimension(), case.is_measure_valued());
+    if !case.enters() {
+        return Vec::new();
+    }
+    let jumps = |end: &AxisEnd| {
+        let a = end.axis.checked_sub(n).filter(|_| !measure && !case.reflects());
+        a.is_some_and(|a| !flow.faces_with_jumps(a).is_empty())
+    };
+    let ends = case.space.open_ends();
+    let at_jumps = ends.iter().copied().filter(jumps).map(ParticleSource::AtJumps);
+    let through = ends.iter().copied().filter(|end| end.axis < n || !measure);
+    through.map(ParticleSource::Entering).chain(at_jumps).collect()
+}
+
 /// Puts the estimates by particles into `ledger`. Returns those in the box at the end. Collective.
 fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger) -> Arrivals {
     let measure = case.is_measure_valued();
@@ -203,13 +215,12 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
     let points = (POINTS_PER_CELL * cells).clamp(LEAST_POINTS, MOST_POINTS);
     let mut within = SampleBox::whole(&case.space, 0.0);
     if !measure {
-        let support = DataSupport::find(world, case, points / 4);
+        let support = DataSupport::find(world, case, tracer, points / 4);
         ledger.mass.beyond = Some(support.beyond);
         within = support.within;
     }
     let mut tracker = ParticleTracker::new(case, tracer);
-    let force = |point: &[f64; 6], axis: usize| -tracer.slope_at(point, axis);
-    let sampler = ParticleSampler { case, within, force: &force };
+    let sampler = ParticleSampler { case, within, flow: tracer };
     let sources = SourceEstimates::follow(world, &sampler, &mut tracker, points);
     let mass = &mut ledger.mass;
     let initial = &sources.initial;
@@ -320,12 +331,12 @@ struct DataSupport {
 impl DataSupport {
     /// Evaluates the data at nodes of the grid, and at `points` points of a sequence over the box
     /// and beyond its velocities. Collective.
-    fn find(world: &Group, case: &Case, points: usize) -> Self {
+    fn find(world: &Group, case: &Case, flow: &Tracer<'_>, points: usize) -> Self {
         let space = &case.space;
         let n = space.dimension();
         let wide = SampleBox::whole(space, BEYOND);
         let sequence = SampleSequence::new(2 * n, 0);
-        let sampler = ParticleSampler { case, within: wide, force: &|_, _| 0.0 };
+        let sampler = ParticleSampler { case, within: wide, flow };
         let mut numbers = (world.rank()..points).step_by(world.size()).peekable();
         let (mut inside, mut beyond) = (Vec::new(), Vec::new());
         while numbers.peek().is_some() {
@@ -474,7 +485,7 @@ mod tests {
             (error.outflow[0], error.outflow[1]) = (1.0, 1.0);
             TallyEstimate { mean: ParticleTally::default(), error }
         };
-        let end = AxisEnd { axis: 0, upper: true };
+        let end = ParticleSource::Entering(AxisEnd { axis: 0, upper: true });
         let sources =
             SourceEstimates { initial: estimate(0.3), entering: vec![(end, estimate(0.4))] };
         assert!((sources.error_of_outflow() - 0.5).abs() < 1e-15);

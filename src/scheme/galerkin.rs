@@ -152,11 +152,6 @@ impl<'a> CellLine<'a> {
         element * self.axis.nodes.count() as i64
     }
 
-    /// The face where the flow comes in.
-    fn entry_face(&self) -> f64 {
-        self.axis.face(if self.up { self.element } else { self.element + 1 })
-    }
-
     /// The position just outside of the end of the box where the flow comes in.
     fn entry_end(&self) -> f64 {
         self.axis.just_outside(!self.up)
@@ -245,7 +240,7 @@ impl LineTerms<'_> {
                 let inner = self.elements.inflow_part * rate;
                 return self.couple(row, cell, [a, cell[a]], -inner);
             }
-            let mut point = self.space.point(cell);
+            let mut point = self.space.point_in_element(cell);
             point[a] = line.entry_end();
             self.couple(row, cell, [a, cell[a]], -rate);
             row.draw += rate;
@@ -275,14 +270,17 @@ impl LineTerms<'_> {
         for &(node, weight) in &trace.unpaired {
             self.couple(row, cell, [n + a, node], -(rate - inner) * weight);
         }
-        let v = &self.space.v[a];
+        let (x, v) = (&self.space.x[a], &self.space.v[a]);
         for &(beyond, weight) in &trace.beyond {
             row.draw += rate * weight;
             if v.leaves_out(v.position(beyond).floor() as i64) {
                 continue;
             }
-            let mut point = self.space.point(cell);
-            point[a] = line.entry_face();
+            let mut point = self.space.point_in_element(cell);
+            // The particle came to the face from above if it moved down.
+            let above = beyond < 0.0;
+            let element = if above == line.up { line.element } else { x.split(across as i64).0 };
+            point[a] = x.beside_face(if above { element } else { element + 1 }, above);
             point[3 + a] = beyond;
             row.enter(self.entering, rate * weight, point);
         }
@@ -354,7 +352,7 @@ impl LineTerms<'_> {
             add(row, own, entry, -rate);
             row.draw += rate;
             if !v.leaves_out(against) {
-                let mut point = self.space.point(cell);
+                let mut point = self.space.point_in_element(cell);
                 point[3 + a] = line.entry_end();
                 row.enter(self.entering, rate, point);
             }

@@ -13,6 +13,7 @@
 
 use crate::base::random::uniform;
 use crate::problem::case::{Case, Data};
+use crate::problem::exact::Tracer;
 use crate::problem::grid::{AxisEnd, MAX_DIMENSION, PhaseSpace, coordinate};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -34,6 +35,8 @@ pub enum ParticleSource {
     Initial,
     /// The inflow through an end of the box.
     Entering(AxisEnd),
+    /// The inflow from velocities beyond an end of the velocity box, at jumps of `V`.
+    AtJumps(AxisEnd),
 }
 
 impl ParticleSource {
@@ -43,6 +46,7 @@ impl ParticleSource {
         let source = match self {
             Self::Initial => 0,
             Self::Entering(end) => 1 + end.number(),
+            Self::AtJumps(end) => 1 + 2 * MOST_DIMENSIONS + end.number(),
         };
         (source * REPLICATES + number) as u64
     }
@@ -131,8 +135,8 @@ pub struct ParticleSampler<'a> {
     pub case: &'a Case,
     /// The box in which initial data are drawn; of measure-valued data only its space counts.
     pub within: SampleBox,
-    /// The acceleration `−∂V/∂x_a` at a point along space axis `a`.
-    pub force: &'a dyn Fn(&[f64; 6], usize) -> f64,
+    /// The exact flow, for the inflow.
+    pub flow: &'a Tracer<'a>,
 }
 
 impl ParticleSampler<'_> {
@@ -154,6 +158,10 @@ impl ParticleSampler<'_> {
             ParticleSource::Initial => self.initial(units),
             ParticleSource::Entering(end) => {
                 units.filter_map(|unit| self.entering(end, &unit)).collect()
+            }
+            ParticleSource::AtJumps(end) => {
+                let faces = self.flow.faces_with_jumps(end.axis - self.case.space.dimension());
+                units.filter_map(|unit| self.at_jump(end, &faces, &unit)).collect()
             }
         }
     }
@@ -210,7 +218,7 @@ impl ParticleSampler<'_> {
         let inside = self.set_velocity(&mut point);
         let speed = match end.axis < n {
             true => point[3 + end.axis],
-            false => (self.force)(&point, end.axis - n),
+            false => -self.flow.slope_at(&point, end.axis - n),
         };
         let inwards = if end.upper { -speed } else { speed };
         if inwards <= 0.0 || !inside {
@@ -222,6 +230,41 @@ impl ParticleSampler<'_> {
         let value = self.case.fields[0].entering().at_point(&outside, now);
         let mass = area * self.case.end * inwards * value;
         nonzero(Particle { point, time: self.case.end - now, mass, value, inside })
+    }
+
+    /// A particle to which a jump of `V` gives a velocity inside of the box, and which had one
+    /// beyond an `end` of the box before. Its coordinate across the faces stands for the face and
+    /// the time. The density of the flow behind a face is `|v| f`.
+    fn at_jump(
+        &self,
+        end: AxisEnd,
+        faces: &[usize],
+        unit: &[f64; MOST_DIMENSIONS],
+    ) -> Option<Particle> {
+        let space = &self.case.space;
+        let a = end.axis - space.dimension();
+        let (x, v) = (&space.x[a], &space.v[a]);
+        let whole = SampleBox::whole(space, 0.0);
+        let mut point = self.point_in(&whole, unit);
+        let place = unit[a] * faces.len() as f64;
+        let face = faces[(place as usize).min(faces.len() - 1)];
+        let now = place.fract() * self.case.end;
+        let crossing = self.flow.before_face(&point, a, face)?;
+        let beyond =
+            if end.upper { crossing.velocity > v.upper } else { crossing.velocity < v.lower };
+        if !beyond {
+            return None;
+        }
+        let beside =
+            |place: f64, up: bool| place + if up { x.small_step() } else { -x.small_step() };
+        let mut outside = point;
+        outside[a] = beside(crossing.from, crossing.velocity < 0.0);
+        outside[3 + a] = crossing.velocity;
+        point[a] = beside(crossing.to, point[3 + a] > 0.0);
+        let value = self.case.fields[0].entering().at_point(&outside, now);
+        let area = whole.volume(|b| b != a);
+        let mass = area * self.case.end * faces.len() as f64 * point[3 + a].abs() * value;
+        nonzero(Particle { point, time: self.case.end - now, mass, value, inside: true })
     }
 }
 
@@ -306,6 +349,45 @@ mod tests {
         }
     }
 
+    /// At a step up by 0.3, particles with more than the largest speed 1 below the step enter with
+    /// speeds from √0.4 to 1 above it: `∫ v f(√(v² + 0.6)) dv` in unit time. None enter downwards.
+    #[test]
+    fn particles_from_beyond_the_velocity_box_enter_at_a_jump() {
+        let text = r#"
+            [[axis]]
+            x = { lower = -1, upper = 1, cells = 10 }
+            v = { lower = -1, upper = 1, cells = 10 }
+            [[potential]]
+            where = "x >= 0"
+            value = 0.3
+            [[potential]]
+            value = 0
+            [initial]
+            f = 0
+            [inflow]
+            value = "exp(-v^2)*(9 if x >= 0 else 1)"
+            [time]
+            end = 2
+            [solver]
+            tolerance = 1e-3
+        "#;
+        let case = Case::parse("step", text, &[]).expect("a case");
+        let flow = Tracer::new(&case).expect("V is finite").forward();
+        let within = SampleBox::whole(&case.space, 0.0);
+        let sampler = ParticleSampler { case: &case, within, flow: &flow };
+        let entering = |upper: bool| -> f64 {
+            let source = ParticleSource::AtJumps(AxisEnd { axis: 1, upper });
+            let points = 1 << 14;
+            let drawn = sampler.draw(source, &SampleSequence::new(2, 1), 0..points);
+            assert!(drawn.iter().all(|particle| particle.point[0] > 0.0 && particle.inside));
+            drawn.iter().map(|particle| particle.mass).sum::<f64>() / points as f64
+        };
+        let expected = (-0.6f64).exp() * ((-0.4f64).exp() - (-1.0f64).exp());
+        let found = entering(true);
+        assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
+        assert_eq!(entering(false), 0.0);
+    }
+
     /// The initial data have the seeds 0 to 15, and no two replicates have one seed or one shift.
     #[test]
     fn replicates_of_all_sources_are_independent() {
@@ -313,7 +395,8 @@ mod tests {
             .flat_map(|axis| [false, true].map(|upper| AxisEnd { axis, upper }));
         let sources: Vec<ParticleSource> = [ParticleSource::Initial]
             .into_iter()
-            .chain(ends.map(ParticleSource::Entering))
+            .chain(ends.clone().map(ParticleSource::Entering))
+            .chain(ends.map(ParticleSource::AtJumps))
             .collect();
         let seeds: Vec<u64> =
             sources.iter().flat_map(|of| (0..REPLICATES).map(|r| of.seed(r))).collect();
