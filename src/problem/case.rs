@@ -31,6 +31,7 @@ mod validate;
 pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
+pub use crate::problem::case::axes::DEGREE_KEY;
 pub use crate::problem::case::data::{
     Data, Exact, ExactTimes, GridErrorPair, Inflow, LiouvilleField, MOST_FIELDS, Region,
     ResultOrigin, StartField, TIME, TableFile, TableOf, WarpedStart,

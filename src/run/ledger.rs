@@ -71,6 +71,7 @@ pub struct LedgerBeforeRun {
 pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     let mut found = LedgerBeforeRun::default();
     let ledger = &mut found.ledger;
+    ledger.degree_keys = case.degree_keys(case.space.lowest_degree());
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \
@@ -110,6 +111,7 @@ fn regions(case: &Case) -> Vec<NarrowRegion> {
         axis: names[width.axis].to_owned(),
         cells: width.elements,
         degree: case.space.x[width.axis].nodes.degree,
+        degree_key: case.degree_key(width.axis),
     };
     widths.map(region).collect()
 }

@@ -52,7 +52,7 @@ use crate::study::end_to_end::text::verdict;
 use crate::study::end_to_end::traced::{
     BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity, Values,
 };
-use crate::study::grids::{cells, of_degree};
+use crate::study::grids::{cells, degree_settings, of_degree};
 
 /// Units of progress: two units a degree and scheme, and one for slopes.
 const UNITS: usize = 21;
@@ -188,9 +188,10 @@ fn no_slopes(case: &Case) -> String {
     let key = match (case.space.degree(), case.reflects()) {
         (0, true) => "potential.reflection".to_owned(),
         (0, false) => format!("scheme.flux = {}", case.flux),
-        (degree, _) => format!("scheme.degree = {degree}"),
+        (degree, _) => format!("{} = {degree}", case.degree_keys(degree)),
     };
-    format!("{key}: slopes are limited in upwind cells of degree 0 only; --set scheme.degree=0")
+    let settings = degree_settings(case, 0).join(" --set ");
+    format!("{key}: slopes are limited in upwind cells of degree 0 only; --set {settings}")
 }
 
 /// The exact solution that errors of `case` are measured against.

@@ -1,12 +1,16 @@
 //! `[[axis]]`: the grid.
 
 use crate::base::error::Result;
+use crate::problem::case::Case;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::Item;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::limits::{LARGEST_NUMBER, MOST_CELLS, MOST_SPACE_CELLS};
 use serde::Deserialize;
+
+/// The key of the degree of all axes without one of their own.
+pub const DEGREE_KEY: &str = "scheme.degree";
 
 /// One table `[[axis]]`: a space axis and its velocity axis.
 #[derive(Debug, Deserialize)]
@@ -89,9 +93,34 @@ fn key_of_grid_size(file: &CaseFile<'_>, pairs: usize) -> String {
     set.max().map_or_else(|| "axis".to_owned(), |(_, key)| key)
 }
 
+impl Case {
+    /// The key that gives the degree of axis number `k` (first the space axes, then those of the
+    /// velocity): an axis may have its own.
+    pub fn degree_key(&self, k: usize) -> String {
+        let n = self.space.dimension();
+        let own =
+            if k < n { format!("axis.{k}.x.degree") } else { format!("axis.{}.v.degree", k - n) };
+        if self.settings.contains_key(&own) { own } else { DEGREE_KEY.to_owned() }
+    }
+
+    /// The keys that give this `degree` to axes of more than one cell, for messages:
+    /// `axis.0.x.degree and scheme.degree`. [`DEGREE_KEY`] if no axis has this degree.
+    pub fn degree_keys(&self, degree: usize) -> String {
+        let axes = self.space.axes().enumerate();
+        let of_degree = axes.filter(|(_, axis)| axis.cells > 1 && axis.nodes.degree == degree);
+        let mut keys: Vec<String> = Vec::new();
+        for key in of_degree.map(|(k, _)| self.degree_key(k)) {
+            if !keys.contains(&key) {
+                keys.push(key);
+            }
+        }
+        if keys.is_empty() { DEGREE_KEY.to_owned() } else { keys.join(" and ") }
+    }
+}
+
 /// The grid; `degree` is the default for axes that give none.
 pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<PhaseSpace> {
-    checked_degree(file, "scheme.degree", degree)?;
+    checked_degree(file, DEGREE_KEY, degree)?;
     if pairs.is_empty() || pairs.len() > MAX_DIMENSION {
         let message = format!(
             "{} tables given; one [[axis]] per space dimension expected, 1 to {MAX_DIMENSION}",
@@ -115,7 +144,7 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<Pha
         }
         space.periodic[a] = x.boundary == Some(Boundary::Periodic);
         let degree_of = |table: &AxisTable, key: &str| match table.degree {
-            None => checked_degree(file, "scheme.degree", degree),
+            None => checked_degree(file, DEGREE_KEY, degree),
             Some(own) => checked_degree(file, &format!("{key}.degree"), own),
         };
         let (kx, kv) = (degree_of(x, &x_key)?, degree_of(v, &v_key)?);

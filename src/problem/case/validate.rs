@@ -94,8 +94,14 @@ impl Case {
     /// is asked for.
     fn check_positive(&self, file: &CaseFile<'_>) -> Result<()> {
         let conflict = if self.space.degree() == 0 {
-            "a cell of degree 0 has one value, its average, which is kept: there is nothing to \
-             scale; leave it out, or choose scheme.degree above 0"
+            let keys = self.degree_keys(0);
+            return file.refuse(
+                "output.positive",
+                format!(
+                    "a cell of degree 0 has one value, its average, which is kept: there is \
+                     nothing to scale; leave it out, or choose {keys} above 0"
+                ),
+            );
         } else if self.shown_times().next().is_some() {
             "limits the field at the end only; leave it or the output times out"
         } else if self.readout.is_some() {

@@ -102,7 +102,8 @@ fn has_skew_flow(case: &Case) -> Result<bool> {
 fn unknown_choice(case: &Case) -> Option<String> {
     let degree = case.space.degree();
     if degree > 0 {
-        return Some(format!("scheme.degree = {degree}; the circuit is of degree 0"));
+        let keys = case.degree_keys(degree);
+        return Some(format!("{keys} = {degree}; the circuit is of degree 0"));
     }
     if case.reflects() {
         let what = "potential.reflection: the circuit transmits or reflects all of a level";
