@@ -448,6 +448,53 @@ fn bad_tables_of_potential_and_inflow_are_refused() {
     });
 }
 
+/// Mistakes in a table that a `--set` causes are reported as those of the `--set`, not of the line
+/// in the case file.
+#[test]
+fn mistakes_in_tables_are_blamed_on_their_set() {
+    let place = directory();
+    let text = fs::read_to_string(case("example1.toml")).expect("a case");
+    let zero =
+        text.lines().find(|line| line.starts_with("value = \"0\" ") && line.contains("enters"));
+    let with = |line: &str| text.replace(zero.expect("the inflow"), line);
+    let put = |name: &str, text: &str| {
+        fs::write(place.path().join(name), text).expect("a file");
+        place.path().join(name).display().to_string()
+    };
+    put("in.csv", "x,v,f\n-2,-2,1\n-2,2,1\n2,-2,1\n2,2,1\n");
+    let ends: &[f64] = &[-2.0, 2.0];
+    write_table(&place.path().join("in.h5"), &[("x", ends), ("vx", ends)], &[1.0; 4]);
+    let by_text = put("text.toml", &with("table = { file = \"in.csv\" }"));
+    let by_hdf5 = put("hdf5.toml", &with("table = { file = \"in.h5\" }"));
+    let by_formula = put("formula.toml", &text);
+    let line = |path: &str| format!("{path}:");
+    let rows: [(&str, &str, &str); 10] = [
+        (&by_text, "inflow.table.dataset='g'", "inflow.table.dataset = "),
+        (&by_text, "inflow.table.axes=['v']", "inflow.table.axes = [\"v\"]: "),
+        (&by_hdf5, "inflow.table.dataset='g'", "holds no dataset /g"),
+        (&by_hdf5, "inflow.table.axes=['v']", "/f has the shape [2, 2]"),
+        (&by_text, "axis.0.x.upper=9.5", "axis.0.x.upper = 9.5: inflow.table.file = "),
+        (&by_text, "axis.0.x={lower=-9.5, upper=1.5, cells=128}", "axis.0.x.lower = -9.5: "),
+        (&by_text, "inflow.table.file='none.csv'", "No such file"),
+        (&by_formula, "inflow.table.file='in.csv'", "give either inflow.table, or inflow.value"),
+        (&by_formula, "initial.table.file='in.csv'", "give either initial.table, or initial.f"),
+        (&by_formula, "potential.0.table.file='in.csv'", "give either potential.0.table, or"),
+    ];
+    check_all(&rows, |(path, setting, words)| {
+        let finished = Job::new(["check", *path]).set(&[*setting]).run()?;
+        let set = format!("--set {setting}: ");
+        finished.ended(2, &[&set, words])?;
+        match finished.errors.contains(&line(path)) {
+            true => Err(finished.report("the case file is blamed")),
+            false => Ok(()),
+        }
+    });
+    // Without a `--set`, the line of the case file is named.
+    let wrong = put("wrong.toml", &with("table = { file = \"in.csv\", dataset = \"g\" }"));
+    let finished = Job::new(["check", &wrong]).run().unwrap();
+    finished.ended(2, &[&line(&wrong), "inflow.table.file"]).unwrap();
+}
+
 /// A run with a changed table of `V` is repeated. Edges of a table that lie on no face are
 /// reported.
 #[test]

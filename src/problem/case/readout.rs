@@ -105,7 +105,7 @@ impl ReadoutTable {
         let (key, List(rows)) = match (&self.cells, &self.points) {
             (Some(_), Some(_)) => {
                 let message = "give either readout.cells or readout.points";
-                return file.refuse("readout.points", message);
+                return file.refuse_either(["readout.points", "readout.cells"], message);
             }
             (Some(rows), None) => ("readout.cells", rows),
             (None, Some(rows)) => ("readout.points", rows),
