@@ -37,7 +37,7 @@ pub use crate::problem::case::data::{
     ResultOrigin, StartField, TIME, TableFile, TableOf, WarpedStart,
 };
 pub use crate::problem::case::keys::ValueKind;
-pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
+pub use crate::problem::case::output::{DeltaWidth, IdleInterval, OutputTime, Plateau, Storage};
 pub use crate::problem::case::readout::{MeasurementEffort, ReadoutSettings};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
@@ -196,6 +196,8 @@ pub struct Case {
     pub at_start: Option<OutputTime>,
     /// All other output times before the end, ascending.
     pub times: Vec<OutputTime>,
+    /// `output.moments_every` and `output.fields_every`, where they are longer than the run.
+    pub idle_intervals: Vec<IdleInterval>,
     /// `output.warped_field`: whether all modes are kept and `w(t, x, v, p)` is written.
     pub warped_field: bool,
     /// `output.expand`: whether results are written on the whole grid, reduced axes included.
@@ -299,6 +301,7 @@ impl Case {
             plateau: output.plateau(file)?,
             at_start: times.start,
             times: times.between,
+            idle_intervals: times.idle,
             warped_field: output.warped_field,
             expand: output.expand,
             positive: output.positive,

@@ -165,6 +165,11 @@ fn keys_without_effect_and_zero_data_give_a_warning() {
         (&["potential.1.reflection=0.5"], "potential.1.reflection has no effect", true),
         (&["potential.0.reflection=0.5"], "reflection has no effect", false),
         (&["potential.0.reflection=0.5"], "where x < 0  reflection 0.5", true),
+        (&["output.moments_every=2"], "output.moments_every = 2 has no effect: no multiple", true),
+        (&["output.moments_every=1"], "and time.end = 1; below 1 there is one", true),
+        (&["output.moments_every=0.9"], "moments_every", false),
+        (&["output.fields_every=2"], "output.fields_every = 2 adds the start only", true),
+        (&["output.fields_every=0.5"], "fields_every", false),
         (&["initial.f=exp(-(x - 90)^2/0.01)"], "initial data are zero on the grid", true),
         (&["initial.f=0", "inflow.value=1 if v < 1 else 0"], "are zero on the grid", false),
     ];
