@@ -33,6 +33,7 @@ mod solved;
 mod steps;
 mod summarise;
 mod unresolved;
+mod vanishing;
 pub mod warnings;
 
 use crate::base::error::{Error, Result};
