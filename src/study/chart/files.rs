@@ -3,6 +3,7 @@
 use crate::base::error::Result;
 use crate::base::table::{self, Column, ColumnValues, in_pieces};
 use crate::base::text::{counted, plain};
+use crate::problem::exported::ExportOwner;
 use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
@@ -45,12 +46,13 @@ pub fn csv(entries: &[ChartEntry]) -> String {
 }
 
 impl Chart {
-    /// Writes `chart.csv`, `chart.json`, `chart.svg` and `chart.png` into `directory`. On one rank.
+    /// Writes `chart.csv`, `chart.json`, `chart.svg` and `chart.png` of the case `owner` into
+    /// `directory`. On one rank.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`].
-    pub fn write(&self, directory: &Path) -> Result<()> {
-        write_study(directory, "chart", self, &csv(&self.entries), &picture::figure(self))
+    pub fn write(&self, directory: &Path, owner: &ExportOwner) -> Result<()> {
+        write_study(directory, owner, self, &csv(&self.entries), &picture::figure(self))
     }
 
     /// Prints the number of settings left out, by method.

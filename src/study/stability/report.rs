@@ -2,6 +2,7 @@
 
 use crate::base::error::Result;
 use crate::base::text::word;
+use crate::problem::exported::ExportOwner;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{self, Figure, PlotAxis};
 use crate::study::files::write_study;
@@ -57,12 +58,13 @@ impl Stability {
         text
     }
 
-    /// Writes `stability.csv`, `stability.json` and the figures into `directory`.
+    /// Writes `stability.csv`, `stability.json` and the figures of the case `owner` into
+    /// `directory`.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`].
-    pub fn write(&self, directory: &Path) -> Result<()> {
-        write_study(directory, "stability", self, &self.csv(), &self.figure())
+    pub fn write(&self, directory: &Path, owner: &ExportOwner) -> Result<()> {
+        write_study(directory, owner, self, &self.csv(), &self.figure())
     }
 
     /// The figure of the report: a frame for each panel, with markers for measured values and
