@@ -158,7 +158,7 @@ fn refuse_fast_inflow(case: &Case) -> Result<()> {
          t = {} on; {instead}",
         case.name,
         case.fields[0].entering().place(),
-        short(case.begin + from)
+        short(case.start_time + from)
     )))
 }
 
@@ -272,7 +272,7 @@ impl Plan {
         const POSSIBLE: f64 = 1e-12;
         let mut case = case.clone();
         case.tolerance = case.tolerance.max(POSSIBLE);
-        if case.start.is_none() {
+        if case.warped_start.is_none() {
             case.warp.interval = None;
         }
         Self::with_bounds(&case, bounds.expected(), resources, 1.0)

@@ -96,7 +96,7 @@ fn formulas(case: &Case) -> String {
             &format!("measure-valued: density {density}, velocity {list}; f = phi delta(psi)\n");
     }
     if let (Some(start), Some([lower, upper]), Some(points)) =
-        (&case.start, case.warp.interval, case.warp.points)
+        (&case.warped_start, case.warp.interval, case.warp.points)
     {
         let file = start.path.display();
         text += &format!(
@@ -105,9 +105,9 @@ fn formulas(case: &Case) -> String {
         );
     }
     if let Some(start) = &case.start_field {
-        text += &format!("f({}) = /f of {}\n", plain(case.begin), start.path.display());
+        text += &format!("f({}) = /f of {}\n", plain(case.start_time), start.path.display());
     }
-    for field in case.fields.iter().filter(|_| case.start.is_none()) {
+    for field in case.fields.iter().filter(|_| case.warped_start.is_none()) {
         text += &format!("{}(0) = {}\n", field.name, on_one_line(field.initial.text()));
         text += &match &field.inflow {
             case::Inflow::Formula(f) => format!("inflow = {}\n", on_one_line(f.text())),
@@ -126,7 +126,7 @@ fn method(case: &Case, bounds: &Bounds) -> String {
             format!("flux {}{ends}, interface matched by energy", case.flux)
         }
     };
-    let from = match case.begin {
+    let from = match case.start_time {
         0.0 => String::new(),
         begin => format!("from t = {} to ", plain(begin)),
     };
@@ -147,7 +147,7 @@ fn method(case: &Case, bounds: &Bounds) -> String {
             format!(
                 "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, \
              propagator {}\n",
-                match case.start {
+                match case.warped_start {
                     Some(_) => "that of initial.warped".to_owned(),
                     None => word(&case.warp.profile),
                 },

@@ -218,7 +218,7 @@ impl Bounds {
     pub fn traced_cells(&self, case: &Case) -> usize {
         *self.traced.get_or_init(|| {
             let space = grid(case);
-            let is_begun = case.start.is_some() || case.start_field.is_some();
+            let is_begun = case.warped_start.is_some() || case.start_field.is_some();
             let most = match case.exact {
                 Some(Exact::Characteristics) => MostCells::EXACT,
                 _ if is_begun || space.space_cells() > MOST_EXAMINED => return 0,

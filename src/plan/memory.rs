@@ -312,7 +312,7 @@ impl<'a> FullestRank<'a> {
             buffers = buffer_bytes(warp.modes as u64, points as u64, self.cells, most, groups);
             list.push(NamedBytes::new("kept modes", rank_modes_bytes(self.rows(), most)));
             list.push(NamedBytes::new("buffers of the transpose", buffers));
-            if case.start.is_some() {
+            if case.warped_start.is_some() {
                 list.push(NamedBytes::new("start between its points", line_bytes(points as u64)));
             }
         }
@@ -338,7 +338,7 @@ impl<'a> FullestRank<'a> {
         let mut list = Vec::new();
         // The state of a batch at its start or between two legs.
         let between = size_of::<Lanes>() as u64 * self.rows();
-        if self.case.start.is_some() && warp.legs.len() == 1 {
+        if self.case.warped_start.is_some() && warp.legs.len() == 1 {
             list.push(NamedBytes::new("start of a batch", between));
         }
         if warp.legs.len() > 1 {
@@ -361,7 +361,7 @@ impl<'a> FullestRank<'a> {
 
     /// The fields at time zero, of `cells` cells each, if they are kept to be written.
     fn at_start(&self, cells: u64) -> Option<NamedBytes> {
-        self.case.at_start.filter(|start| start.fields)?;
+        self.case.output_at_start.filter(|start| start.fields)?;
         Some(NamedBytes::new("fields at time 0", 8 * self.fields() * cells))
     }
 

@@ -42,8 +42,8 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
     })?;
     refuse_other_than_reals("f", &f)?;
     let time = number_attribute(&file, "time").map_err(|_| "says no time")?;
-    if !is_same(time, case.begin, time) {
-        return Err(format!("is f at t = {time}, time.start is {}", case.begin));
+    if !is_same(time, case.start_time, time) {
+        return Err(format!("is f at t = {time}, time.start is {}", case.start_time));
     }
     same_grid(&file, &f, &case.space)?;
     let case_of = stored_case(&file);

@@ -538,7 +538,8 @@ impl Summary {
             let small = "; particles of the exact flow show no error of the density above a tenth";
             let small = accuracy.particles.density.map_or("", |_| small);
             let measured = "; [exact] kind = \"characteristics\" measures it";
-            let measured = if case.reflects() || case.start.is_some() { "" } else { measured };
+            let measured =
+                if case.reflects() || case.warped_start.is_some() { "" } else { measured };
             accuracy.unknown = Some(format!("{why}{small}{measured}"));
         } else if of_density.is_some() && accuracy.grid.is_some_and(is_large) {
             let what = match accuracy.goal_error {

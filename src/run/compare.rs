@@ -55,7 +55,7 @@ pub(crate) fn compare(
     summary.fields = (case.fields.iter())
         .map(|field| FieldSummary { name: field.name.to_owned(), ..FieldSummary::default() })
         .collect();
-    if case.start.is_some() {
+    if case.warped_start.is_some() {
         let why = "the warped field at the start is known at its points only";
         summary.doubt = Some(why.to_owned());
         return Vec::new();
@@ -106,7 +106,7 @@ pub(crate) fn verify(
     let volumes = volumes_of(prepared);
     for (k, readings) in solution.fields.iter().enumerate() {
         // No leg ends at the start, which may be among the output times.
-        let early = solution.early.iter().filter(|early| early.time > prepared.case.begin);
+        let early = solution.early.iter().filter(|early| early.time > prepared.case.start_time);
         let early = early.map(|early| early.fields.get(k));
         let ends: Vec<Option<&Vec<f64>>> = early.chain([Some(&readings[0])]).collect();
         let mut worst: Option<f64> = None;
@@ -172,7 +172,7 @@ pub(crate) fn continued(
     Some(ContinuedResult {
         file: start.path.display().to_string(),
         checksum: checksum::text(origin.checksum),
-        time: case.begin,
+        time: case.start_time,
         error: origin.error,
         error_inherited,
         error_total: error_inherited.zip(own).map(|(inherited, own)| inherited + own),

@@ -82,10 +82,11 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     }
     ledger.regions = regions(case);
     ledger.jumps = jumps(&case.space, &Potential::whole(case)?);
-    if case.start.is_some() {
+    if case.warped_start.is_some() {
         ledger.omitted.push("the initial mass, and all estimates: initial.warped has no f".into());
     } else if let Some(start) = &case.start_field {
-        let why = format!("all estimates: f at t = {} is of {}", case.begin, start.path.display());
+        let why =
+            format!("all estimates: f at t = {} is of {}", case.start_time, start.path.display());
         ledger.omitted.push(why);
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
@@ -434,7 +435,7 @@ fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64
     let rule = gauss_legendre(NODES);
     let mut integrals = vec![0.0; matrix.inflow.len()];
     for k in 0..parts {
-        let ends = [k, k + 1].map(|k| case.begin + k as f64 * part);
+        let ends = [k, k + 1].map(|k| case.start_time + k as f64 * part);
         for point in rule.iter().map(|point| point.moved_to(ends)) {
             let values = matrix.entering.values(&case.fields[0], point.node);
             for (sum, value) in integrals.iter_mut().zip(values) {

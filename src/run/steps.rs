@@ -170,7 +170,7 @@ impl<'a> Driver<'a> {
         };
         let entered = ledger::entered_mass(&planned.prepared);
         self.log.watch.lap("observables");
-        let early = at_start.filter(|_| planned.prepared.case.at_start.is_some());
+        let early = at_start.filter(|_| planned.prepared.case.output_at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered, arrivals })
     }
 

@@ -36,7 +36,7 @@ fn variation_in_cells(case: &Case) -> Option<String> {
     const NOTHING: f64 = 1e-3;
     /// The largest relative L2 distance of the data from their values at the centres.
     const LARGE: f64 = 0.5;
-    let starts_elsewhere = case.start.is_some() || case.start_field.is_some();
+    let starts_elsewhere = case.warped_start.is_some() || case.start_field.is_some();
     if starts_elsewhere || case.space.degree() > 0 || case.is_measure_valued() {
         return None;
     }
@@ -129,7 +129,7 @@ fn idle_degree(case: &Case) -> Option<String> {
 
 /// The warning of an interval of output times that is longer than the run.
 fn idle_interval(case: &Case, IdleInterval { key, every, adds_start }: &IdleInterval) -> String {
-    let (start, end, most) = (case.begin, case.end, short(case.duration()));
+    let (start, end, most) = (case.start_time, case.end, short(case.duration()));
     let effect = if *adds_start { "adds the start only" } else { "has no effect" };
     format!(
         "{key} = {every} {effect}: no multiple of it lies between time.start = {start} and \

@@ -49,7 +49,7 @@ fn vanishes(formula: &Expression, mut points: impl Iterator<Item = [f64; 6]>, ti
 
 /// The warning of initial data. Where nothing enters, the ledger warns of a solution that is zero.
 fn initial(case: &Case, space: &PhaseSpace) -> Option<String> {
-    let starts_elsewhere = case.start.is_some() || case.start_field.is_some();
+    let starts_elsewhere = case.warped_start.is_some() || case.start_field.is_some();
     if starts_elsewhere || case.is_measure_valued() || !case.enters() {
         return None;
     }
@@ -70,7 +70,7 @@ fn inflow(case: &Case, space: &PhaseSpace) -> Option<String> {
     }
     let ends = space.open_ends();
     let points = ends.iter().flat_map(|end| points_at_end(space, *end));
-    let nothing = vanishes(formula, points, case.begin);
+    let nothing = vanishes(formula, points, case.start_time);
     nothing.then(|| warning(case.inflow_key(), "all ends of the box"))
 }
 

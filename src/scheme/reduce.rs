@@ -96,7 +96,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
 /// The key whose value requires the whole grid, if there is one.
 fn key_needing_whole_grid(case: &Case) -> Option<&'static str> {
     let keys = [
-        ("initial.warped", case.start.is_some()),
+        ("initial.warped", case.warped_start.is_some()),
         ("initial.field", case.start_field.is_some()),
         ("output.warped_field", case.warped_field),
         ("[readout]", case.readout.is_some()),

@@ -218,7 +218,7 @@ impl<'a> Scheme<'a> {
     /// The fields that have inflow, and the time of the inflow.
     fn entering(&self) -> InflowTerm<'_> {
         let fields: &[LiouvilleField] = if self.no_inflow { &[] } else { &self.case.fields };
-        InflowTerm { fields, time: self.case.begin }
+        InflowTerm { fields, time: self.case.start_time }
     }
 
     /// `Σ rate b²` over the sources of a row of the field with inflow; for degree 0, `b²/g` with
@@ -230,7 +230,7 @@ impl<'a> Scheme<'a> {
         }
         let square = |point: &[f64; 6]| {
             let values =
-                self.case.fields.iter().map(|f| f.entering().at_point(point, self.case.begin));
+                self.case.fields.iter().map(|f| f.entering().at_point(point, self.case.start_time));
             let b: f64 = values.sum();
             b * b
         };

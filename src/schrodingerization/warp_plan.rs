@@ -154,7 +154,7 @@ impl WarpPlan {
             applications,
             solves,
             amplification: modes.amplification(reading),
-            points: (case.warped_field || case.start.is_some()).then(|| points(series)),
+            points: (case.warped_field || case.warped_start.is_some()).then(|| points(series)),
             mode_tolerances,
             work,
             legs,

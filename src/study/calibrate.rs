@@ -244,7 +244,7 @@ fn points(plan: &Plan) -> Option<usize> {
 
 /// Seconds for the warped field that a run starts from.
 fn seconds_to_read(case: &Case, plan: &Plan) -> f64 {
-    let points = points(plan).filter(|_| case.start.is_some());
+    let points = points(plan).filter(|_| case.warped_start.is_some());
     let bytes = points.map_or(0, |points| 8 * case.space.cells() * points);
     SECONDS_PER_GIVEN_BYTE * bytes as f64
 }

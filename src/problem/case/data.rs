@@ -632,7 +632,7 @@ impl InitialTable {
     }
 
     /// The file that `initial.warped` names, if the case gives it.
-    pub fn start(&self, file: &CaseFile<'_>) -> Result<Option<WarpedStart>> {
+    pub fn warped_start(&self, file: &CaseFile<'_>) -> Result<Option<WarpedStart>> {
         let path = path_of(file, "initial.warped", self.warped.as_ref(), "warped_f.h5")?;
         let place = file.place("initial.warped");
         Ok(path.map(|path| WarpedStart { path, place }))

@@ -29,7 +29,7 @@ impl Case {
         if self.positive {
             self.check_positive(file)?;
         }
-        if self.start.is_some() {
+        if self.warped_start.is_some() {
             self.check_warped_start(file)?;
         }
         if !self.reduce.modes && self.method == Method::Schrodingerized {
@@ -174,7 +174,7 @@ impl Case {
     /// Refuses modes of both signs where only `l ≥ 0` are supported. If they follow from
     /// `solver.reduce = false`, `l ≥ 0` are used.
     fn check_every_mode(&mut self, file: &CaseFile<'_>) -> Result<()> {
-        let why = if self.warped_field || self.start.is_some() {
+        let why = if self.warped_field || self.warped_start.is_some() {
             "the warped field is kept by its modes l >= 0"
         } else if self.propagator.method.order() > 0 {
             "crank-nicolson and backward-euler take modes l >= 0 only"
