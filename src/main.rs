@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use phasewarp::base::error::{Error, Result};
-use phasewarp::base::log::{report, say, unwritten};
+use phasewarp::base::log::{eprint_wrapped, print_wrapped, unwritten};
 use phasewarp::base::machine::{self, RunPart};
 use phasewarp::command::cli::Cli;
 use phasewarp::command::execute;
@@ -23,7 +23,7 @@ fn main() {
         machine::stop_when_terminated();
     }
     let Some(world) = World::start() else {
-        report("phasewarp: MPI could not be started");
+        eprint_wrapped("phasewarp: MPI could not be started");
         std::process::exit(1);
     };
     // Every rank parses the same command line; only rank 0 prints.
@@ -34,8 +34,8 @@ fn main() {
                 // Mistakes go to standard error, help and version to standard output.
                 let text = error.render().to_string();
                 match error.use_stderr() {
-                    true => report(text.trim_end()),
-                    false => say(text.trim_end()),
+                    true => eprint_wrapped(text.trim_end()),
+                    false => print_wrapped(text.trim_end()),
                 }
             }
             error.exit_code()
@@ -43,7 +43,7 @@ fn main() {
     };
     let code = match unwritten().filter(|_| code == 0) {
         Some(why) => {
-            report(&format!("error: standard output could not be written: {why}"));
+            eprint_wrapped(&format!("error: standard output could not be written: {why}"));
             1
         }
         None => code,
@@ -58,8 +58,8 @@ fn main() {
 fn failed(world: &World, error: &Error) -> i32 {
     if world.group().is_first() {
         match error.is_stop() {
-            true => report(&error.to_string()),
-            false => report(&format!("error: {error}")),
+            true => eprint_wrapped(&error.to_string()),
+            false => eprint_wrapped(&format!("error: {error}")),
         }
     }
     if error.leaves_files_open() {

@@ -16,7 +16,7 @@ const MOST_HANG: usize = 40;
 const COMMANDS: [&str; 4] = ["phasewarp", "mpirun", "srun", "sbatch"];
 
 /// A choice as in the case file, followed by its parameters.
-pub(crate) fn word(choice: &impl Serialize) -> String {
+pub(crate) fn choice_text(choice: &impl Serialize) -> String {
     fn text(value: &Value) -> Option<String> {
         match value {
             Value::Null => None,
@@ -262,15 +262,15 @@ pub fn on_one_line(text: &str) -> String {
 }
 
 /// A value as people write it: text without quotes, all else as JSON.
-pub fn plain(value: &Value) -> String {
+pub fn json_text(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
-        other => compact(other),
+        other => compact_json(other),
     }
 }
 
 /// JSON without blanks, numbers as Python writes them.
-pub fn compact(value: &Value) -> String {
+pub fn compact_json(value: &Value) -> String {
     let mut bytes = Vec::new();
     // Writing into memory does not fail.
     let _ = value.serialize(&mut Serializer::with_formatter(&mut bytes, Python));
@@ -443,7 +443,7 @@ mod tests {
     fn numbers_are_those_of_python() {
         let numbers = json!([0.0, 1.0, 0.1, 1e-4, 1e-5, -2.5e-7, 1e15, 1e16, 1.5e300, 3, true]);
         let text = "[0.0,1.0,0.1,0.0001,1e-05,-2.5e-07,1000000000000000.0,1e+16,1.5e+300,3,true]";
-        assert_eq!(compact(&numbers), text);
+        assert_eq!(compact_json(&numbers), text);
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! The case as the program read it: what `phasewarp check` prints.
 
 use crate::base::text::{
-    ALGORITHM_ERROR, GRID_ERROR, coordinate_text, counted, on_one_line, rounded, sentence, short,
-    word,
+    ALGORITHM_ERROR, GRID_ERROR, choice_text, coordinate_text, counted, on_one_line, rounded,
+    sentence, short,
 };
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
@@ -120,7 +120,7 @@ fn formulas(case: &Case) -> String {
 /// Times, interface law, method and its settings.
 fn method(case: &Case, bounds: &Bounds) -> String {
     let interface = match case.is_galerkin() {
-        false => format!("interface {}", word(&case.interface)),
+        false => format!("interface {}", choice_text(&case.interface)),
         true => {
             let ends = if case.is_closed() { ", closed ends" } else { "" };
             format!("flux {}{ends}, interface matched by energy", case.flux)
@@ -133,15 +133,15 @@ fn method(case: &Case, bounds: &Bounds) -> String {
     let common = format!(
         "{from}T = {}, {interface}, method {}, tolerance {:e}\n",
         plain(case.end),
-        word(&case.method),
+        choice_text(&case.method),
         case.tolerance
     );
     let settings = match case.method {
         Method::Classical => format!(
             "integrator {}, cfl {}, limiter {}\n",
-            word(&case.integrator),
+            choice_text(&case.integrator),
             case.cfl,
-            word(&case.limiter)
+            choice_text(&case.limiter)
         ),
         Method::Schrodingerized => {
             format!(
@@ -149,14 +149,14 @@ fn method(case: &Case, bounds: &Bounds) -> String {
              propagator {}\n",
                 match case.warped_start {
                     Some(_) => "that of initial.warped".to_owned(),
-                    None => word(&case.warp.profile),
+                    None => choice_text(&case.warp.profile),
                 },
-                word(&case.warp.coefficients),
-                word(&case.warp.recovery_method),
-                word(&case.warp.inflow),
-                word(&case.warp.delta),
-                word(&case.warp.shift),
-                word(&case.propagator)
+                choice_text(&case.warp.coefficients),
+                choice_text(&case.warp.recovery_method),
+                choice_text(&case.warp.inflow),
+                choice_text(&case.warp.delta),
+                choice_text(&case.warp.shift),
+                choice_text(&case.propagator)
             ) + &schrodingerized(bounds)
         }
     };

@@ -3,7 +3,7 @@
 use crate::base::checksum;
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case::reader::{key_of, number_of};
@@ -81,7 +81,7 @@ pub fn load_continued(
     let case = Case::parse(&found.name, &found.text, &found.overrides)?;
     if group.is_first() && !found.left_out.is_empty() {
         let keys = found.left_out.join(" and ");
-        report(&format!("--continue: {keys} left out; they list times of the first part"));
+        eprint_wrapped(&format!("--continue: {keys} left out; they list times of the first part"));
     }
     let case = with_tables(&group, &case)?.into_owned();
     for file in &case.tables {

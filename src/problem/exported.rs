@@ -4,7 +4,7 @@
 
 use crate::base::disk;
 use crate::base::error::Result;
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::{Settings, differing_setting};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -33,7 +33,7 @@ pub enum ExportKind {
 impl ExportKind {
     /// The name of the kind in messages and directories.
     pub fn word(self) -> String {
-        word(&self)
+        choice_text(&self)
     }
 
     /// The name of the file that says to which case the files belong.

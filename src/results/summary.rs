@@ -3,7 +3,7 @@
 use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::text::GRID_ERROR;
 use crate::problem::case::{Case, Data, Interface, Method};
 use crate::quantum::probability::Probabilities;
@@ -610,7 +610,7 @@ impl Summary {
     /// Prints the warnings that were not printed before the run. Only one rank calls it.
     pub fn report_late_warnings(&self) {
         for warning in &self.warnings[self.warnings_printed..] {
-            report(&format!("warning: {warning}"));
+            eprint_wrapped(&format!("warning: {warning}"));
         }
     }
 

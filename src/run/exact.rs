@@ -6,7 +6,7 @@ pub mod solution;
 pub mod velocities;
 
 use crate::base::error::Result;
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::progress::Progress;
 use crate::matrix::observables::{Moments, VelocityFactors};
 use crate::matrix::sampling::{sample, sample_with};
@@ -111,7 +111,7 @@ impl ExactWatch {
         }
         let seconds = self.started.elapsed().as_secs_f64();
         if let Some(line) = slowness(self.all, self.done, seconds) {
-            report(&line);
+            eprint_wrapped(&line);
             self.silent = true;
         }
     }

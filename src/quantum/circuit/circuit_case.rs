@@ -2,7 +2,7 @@
 //! why there are none.
 
 use crate::base::error::{Error, Result};
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
@@ -114,7 +114,7 @@ fn unknown_choice(case: &Case) -> Option<String> {
             "scheme.interface = \"{}\"; the circuit moves whole levels of energy, as \
              scheme.interface = \"conservative\" does, which `export-circuit` takes where the case \
              names no interface",
-            word(&case.interface)
+            choice_text(&case.interface)
         ));
     }
     case.embeds().then(|| {

@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::base::table::{self, Column, ColumnValues, in_pieces};
-use crate::base::text::{counted, plain};
+use crate::base::text::{counted, json_text};
 use crate::problem::exported::ExportOwner;
 use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::picture::{self, MIB};
@@ -31,7 +31,7 @@ fn field(value: &Value) -> String {
     let text = match value {
         Value::Null => String::new(),
         Value::String(text) => text.clone(),
-        Value::Array(list) => list.iter().map(plain).collect::<Vec<_>>().join("; "),
+        Value::Array(list) => list.iter().map(json_text).collect::<Vec<_>>().join("; "),
         other => other.to_string(),
     };
     text.replace(['\n', '\r'], " ")

@@ -1,7 +1,7 @@
 //! A stability map as a table, as CSV, as JSON and as a figure.
 
 use crate::base::error::Result;
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::exported::ExportOwner;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{self, Figure, PlotAxis};
@@ -50,7 +50,7 @@ impl Stability {
             for curve in &findings.curves {
                 for p in &curve.points {
                     let numbers = [p.x, p.measured, p.theory].map(field).join(",");
-                    let (name, kind) = (word(&spec.name), kind(curve.bound));
+                    let (name, kind) = (choice_text(&spec.name), kind(curve.bound));
                     let _ = writeln!(text, "{name},\"{}\",{numbers},{kind}", curve.name);
                 }
             }
@@ -78,7 +78,7 @@ impl Stability {
             self.title,
             self.left_out
                 .iter()
-                .map(|l| format!("Left out: {} ({}).", word(&l.name), l.reason))
+                .map(|l| format!("Left out: {} ({}).", choice_text(&l.name), l.reason))
                 .collect::<Vec<_>>()
                 .join(" ")
         );
@@ -103,13 +103,13 @@ impl fmt::Display for Stability {
         )?;
         for StabilityPanel { spec, findings } in &self.panels {
             let grid = self.grid_text(&findings.shape);
-            writeln!(f, "{} ({}, {grid})", word(&spec.name), spec.title)?;
+            writeln!(f, "{} ({}, {grid})", choice_text(&spec.name), spec.title)?;
             findings.borders.iter().try_for_each(|border| border.write(f, width))?;
             writeln!(f, "    {}", findings.verdict)?;
             findings.notes.iter().try_for_each(|note| writeln!(f, "    ({note})"))?;
         }
         for left_out in &self.left_out {
-            writeln!(f, "{} left out: {}", word(&left_out.name), left_out.reason)?;
+            writeln!(f, "{} left out: {}", choice_text(&left_out.name), left_out.reason)?;
         }
         writeln!(f, "{:.1} s", self.seconds)
     }
