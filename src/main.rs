@@ -33,9 +33,10 @@ fn main() {
             if world.group().is_first() {
                 // Mistakes go to standard error, help and version to standard output.
                 let text = error.render().to_string();
-                match error.use_stderr() {
-                    true => eprint_wrapped(text.trim_end()),
-                    false => print_wrapped(text.trim_end()),
+                if error.use_stderr() {
+                    eprint_wrapped(text.trim_end())
+                } else {
+                    print_wrapped(text.trim_end())
                 }
             }
             error.exit_code()
@@ -57,9 +58,10 @@ fn main() {
 /// Reports the error of a command, and returns its exit code. Ends the program if files are open.
 fn failed(world: &World, error: &Error) -> i32 {
     if world.group().is_first() {
-        match error.is_stop() {
-            true => eprint_wrapped(&error.to_string()),
-            false => eprint_wrapped(&format!("error: {error}")),
+        if error.is_stop() {
+            eprint_wrapped(&error.to_string())
+        } else {
+            eprint_wrapped(&format!("error: {error}"))
         }
     }
     if error.leaves_files_open() {

@@ -80,9 +80,10 @@ fn wrapped_line(line: &str) -> Cow<'_, str> {
     // A line of settings is part of a command. In help, the argument of --set is in brackets.
     let settings = first == "--set" && !line[begin..].starts_with("--set <");
     let is_command = COMMANDS.contains(&first) || settings;
-    let (width, hang, separator, end) = match is_command {
-        true => (COLUMNS - 2, begin + 4, WordSeparator::Custom(shell_words), " \\\n"),
-        false => (COLUMNS, hang(line, begin), WordSeparator::AsciiSpace, "\n"),
+    let (width, hang, separator, end) = if is_command {
+        (COLUMNS - 2, begin + 4, WordSeparator::Custom(shell_words), " \\\n")
+    } else {
+        (COLUMNS, hang(line, begin), WordSeparator::AsciiSpace, "\n")
     };
     let hang = " ".repeat(hang);
     let options = Options::new(width)
@@ -133,9 +134,10 @@ pub fn quoted(word: &str) -> String {
 
 /// A field of a CSV file (RFC 4180).
 pub fn csv_field(text: &str) -> String {
-    match text.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text.to_owned(),
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
     }
 }
 
@@ -172,9 +174,10 @@ pub fn bytes_text(bytes: u64) -> String {
 /// A fraction as a percentage, `-4.25 %`.
 pub fn percent(part: f64) -> String {
     let percent = 100.0 * part;
-    match (0.01..1e4).contains(&percent.abs()) {
-        true => format!("{percent:.2} %"),
-        false => format!("{} %", short(percent)),
+    if (0.01..1e4).contains(&percent.abs()) {
+        format!("{percent:.2} %")
+    } else {
+        format!("{} %", short(percent))
     }
 }
 

@@ -46,9 +46,10 @@ fn unknowns(space: &PhaseSpace) -> String {
 
 /// A number with all its digits, in scientific form where it is very small or large.
 fn plain(value: f64) -> String {
-    match value == 0.0 || (1e-3..1e7).contains(&value.abs()) {
-        true => value.to_string(),
-        false => format!("{value:e}"),
+    if value == 0.0 || (1e-3..1e7).contains(&value.abs()) {
+        value.to_string()
+    } else {
+        format!("{value:e}")
     }
 }
 
@@ -119,12 +120,11 @@ fn formulas(case: &Case) -> String {
 
 /// Times, interface law, method and its settings.
 fn method(case: &Case, bounds: &Bounds) -> String {
-    let interface = match case.is_galerkin() {
-        false => format!("interface {}", choice_text(&case.interface)),
-        true => {
-            let ends = if case.is_closed() { ", closed ends" } else { "" };
-            format!("flux {}{ends}, interface matched by energy", case.flux)
-        }
+    let interface = if !case.is_galerkin() {
+        format!("interface {}", choice_text(&case.interface))
+    } else {
+        let ends = if case.is_closed() { ", closed ends" } else { "" };
+        format!("flux {}{ends}, interface matched by energy", case.flux)
     };
     let from = match case.start_time {
         0.0 => String::new(),
@@ -182,11 +182,12 @@ fn schrodingerized(bounds: &Bounds) -> String {
     let parts: Vec<String> = (parts.iter().filter(|part| part.1 > 0.0))
         .map(|(cause, most)| format!("{cause} (at most {})", short(*most)))
         .collect();
-    match parts.is_empty() {
-        true => "S is zero: the flow is unitary by itself, and Schrödingerization does not change \
-                 it\n"
-            .to_owned(),
-        false => format!("Schrödingerized: {}; {most}\n", parts.join(", ")),
+    if parts.is_empty() {
+        "S is zero: the flow is unitary by itself, and Schrödingerization does not change \
+         it\n"
+            .to_owned()
+    } else {
+        format!("Schrödingerized: {}; {most}\n", parts.join(", "))
     }
 }
 

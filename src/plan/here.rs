@@ -75,9 +75,10 @@ pub fn announce_slow_steps(world: &World, case: &Case) {
         eprint_wrapped(&format!("solver.warp.points = {points}: {each}"));
     }
     let (space, all) = (case.space.space_cells() as f64, case.space.cells() as f64);
-    let seconds = match fits {
-        true => seconds_before_solving(case) + SECONDS_PER_PHASE_CELL * all,
-        false => seconds_to_evaluate(case),
+    let seconds = if fits {
+        seconds_before_solving(case) + SECONDS_PER_PHASE_CELL * all
+    } else {
+        seconds_to_evaluate(case)
     };
     if seconds > LONG {
         eprint_wrapped(&format!(

@@ -248,9 +248,10 @@ impl<'a> FullestRank<'a> {
         let n = space.dimension() as u64;
         let nodes: u64 = space.x.iter().map(|a| a.nodes.count() as u64).product();
         let around = nodes * (bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32));
-        let distinct = match bounds.weighted {
-            true => rows,
-            false => rows.min(space.velocity_cells() as u64 * around + 2 * self.auxiliary),
+        let distinct = if bounds.weighted {
+            rows
+        } else {
+            rows.min(space.velocity_cells() as u64 * around + 2 * self.auxiliary)
         };
         4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct
     }
@@ -526,9 +527,10 @@ fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
         .sum();
     // With elements and a force, all nodes of the elements at one end of a velocity axis have
     // inflow.
-    match bounds.has_forces() && case.is_galerkin() {
-        true => ends + space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
-        false => ends,
+    if bounds.has_forces() && case.is_galerkin() {
+        ends + space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>()
+    } else {
+        ends
     }
 }
 
@@ -556,9 +558,10 @@ fn entries_of_a_row(case: &Case, bounds: &Bounds) -> u64 {
         };
         // The energies of an element overlap up to three elements across the jump, which couples
         // the first and the last node of an element of space.
-        let jump = match case.is_galerkin() {
-            false => 0,
-            true => (2 * 3 * v.nodes.count()).div_ceil(x.nodes.count().max(2)),
+        let jump = if !case.is_galerkin() {
+            0
+        } else {
+            (2 * 3 * v.nodes.count()).div_ceil(x.nodes.count().max(2))
         };
         transport
             + usize::from(bounds.forces[a]) * force

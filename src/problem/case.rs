@@ -20,9 +20,11 @@ pub(crate) mod axes;
 pub(crate) mod conflict;
 pub(crate) mod constants;
 pub(crate) mod data;
+mod degrees;
 pub(crate) mod file;
 pub(crate) mod keys;
 pub(crate) mod output;
+mod overridden;
 pub(crate) mod reader;
 pub(crate) mod readout;
 pub(crate) mod settings;
@@ -261,7 +263,6 @@ impl Case {
         let regions = &tables.potential.0;
         let files = data::tables(file, regions, &tables.initial, &tables.inflow, n)?;
         let times = output.times(file, start_time..end, warped_start.is_none())?;
-        let readout = tables.readout.map(|table| table.check(file, &space));
         Ok(Self {
             name: file.name.to_owned(),
             title: if tables.title.is_empty() { file.last_name() } else { tables.title },
@@ -308,7 +309,7 @@ impl Case {
             delta_width: output.delta_width,
             storage: output.storage(file, &space)?,
             checkpoint_every: tables.checkpoint.check(file)?,
-            readout: readout.transpose()?,
+            readout: tables.readout.map(|table| table.check(file, &space)).transpose()?,
             text: file.text.to_owned(),
             overrides: file.overrides.to_vec(),
             settings: file.settings(),

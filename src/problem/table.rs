@@ -205,8 +205,8 @@ impl Table {
         Some([points[0] - on * below, points[last] + on * above])
     }
 
-    /// What is wrong if `[lower, upper]` of coordinate `position` goes beyond the table by more than
-    /// one step of it.
+    /// What is wrong if `[lower, upper]` of coordinate `position` goes beyond the table by more
+    /// than one step of it.
     pub fn beyond(&self, position: usize, [lower, upper]: [f64; 2]) -> Option<ShortTable> {
         let axis = self.axes.iter().find(|axis| axis.position == position)?;
         let [first, second] = [axis.points[0], axis.points[1]];

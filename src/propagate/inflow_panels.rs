@@ -48,9 +48,12 @@ impl TimePanel {
     /// Its parts, in order.
     fn each(self) -> impl Iterator<Item = [f64; 2]> {
         let length = self.end - self.begin;
-        let face = move |k: usize| match k == self.parts {
-            true => self.end,
-            false => self.begin + length * k as f64 / self.parts as f64,
+        let face = move |k: usize| {
+            if k == self.parts {
+                self.end
+            } else {
+                self.begin + length * k as f64 / self.parts as f64
+            }
         };
         (0..self.parts).map(move |k| [face(k), face(k + 1)])
     }

@@ -185,9 +185,10 @@ fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
         let between = at(middle);
-        match change(&at(low), &between) > change(&between, &at(high)) {
-            true => high = middle,
-            false => low = middle,
+        if change(&at(low), &between) > change(&between, &at(high)) {
+            high = middle
+        } else {
+            low = middle
         }
     }
     change(&at(low), &at(high)) > 0.5 * largest
@@ -291,10 +292,8 @@ impl StepSearch<'_> {
     fn norm(&self, f: impl Fn(usize) -> f64) -> f64 {
         let matrix = self.matrix;
         // For degrees above 0 the weights are volumes, which belong to the norm.
-        let unweighted = |i: usize| match matrix.by_elements {
-            true => f(i),
-            false => f(i) / self.start.weights[i].sqrt(),
-        };
+        let unweighted =
+            |i: usize| if matrix.by_elements { f(i) } else { f(i) / self.start.weights[i].sqrt() };
         let square = |rows: Range<usize>| [rows.map(|i| unweighted(i) * unweighted(i)).sum()];
         let points = matrix.pieces().take(matrix.block.space_cells());
         let count = self.case.space.space_cells();

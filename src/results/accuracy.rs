@@ -254,9 +254,10 @@ impl Accuracy {
             // An estimate may be wrong by a factor of ten.
             let about = format!("about {} %", short(one_digit(100.0 * error?)));
             // Older summaries do not have the source.
-            let source = source.unwrap_or(match self.grid_measured {
-                true => ErrorSource::Measured,
-                false => ErrorSource::Estimated,
+            let source = source.unwrap_or(if self.grid_measured {
+                ErrorSource::Measured
+            } else {
+                ErrorSource::Estimated
             });
             let digits = match source {
                 ErrorSource::Measured => percent(error?),

@@ -274,23 +274,31 @@ impl Ledger {
         let (lost, left) = (self.mass.lost?, self.mass.left_estimate?);
         let unexplained = lost - (left - self.mass.interface_estimate.unwrap_or(0.0));
         let share = self.unbalanced(unexplained, self.mass.left_error)?;
-        self.holds_data().then(|| format!(
-            "mass: {} of it {}, by the particles of the exact flow: the grid does not resolve V or \
-             f, or smears f over an end of the box{}; more cells{} or a higher {}",
+        if !self.holds_data() {
+            return None;
+        }
+        let gone_or_gained = if share > 0.0 {
+            "is gone that should still be in the box"
+        } else {
+            "is in the box that should have left, or should not have entered"
+        };
+        let is_some = |mass: Option<f64>| mass.is_some_and(|mass| mass != 0.0);
+        let or_pulse = if is_some(self.mass.entered) {
+            ", or the run misses a pulse of the inflow"
+        } else {
+            ""
+        };
+        // The estimate is exactly zero for interface laws that conserve mass.
+        let or_interface = if is_some(self.mass.interface_estimate) {
+            ", scheme.interface = \"conservative\""
+        } else {
+            ""
+        };
+        Some(format!(
+            "mass: {} of it {gone_or_gained}, by the particles of the exact flow: the grid does \
+             not resolve V or f, or smears f over an end of the box{or_pulse}; more \
+             cells{or_interface} or a higher {}",
             percent(share.abs()),
-            match share > 0.0 {
-                true => "is gone that should still be in the box",
-                false => "is in the box that should have left, or should not have entered",
-            },
-            match self.mass.entered.is_some_and(|entered| entered != 0.0) {
-                true => ", or the run misses a pulse of the inflow",
-                false => "",
-            },
-            // The estimate is exactly zero for interface laws that conserve mass.
-            match self.mass.interface_estimate.is_some_and(|added| added != 0.0) {
-                true => ", scheme.interface = \"conservative\"",
-                false => "",
-            },
             self.degree_keys
         ))
     }

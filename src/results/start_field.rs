@@ -36,9 +36,12 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
     if !version::is_own(&program) {
         return Err("is no result of phasewarp, which is expected".to_owned());
     }
-    let f = file.dataset("f").map_err(|_| match file.link_exists("phi") {
-        true => "holds measure-valued data, /phi and /psi; /f is expected",
-        false => "holds no dataset /f",
+    let f = file.dataset("f").map_err(|_| {
+        if file.link_exists("phi") {
+            "holds measure-valued data, /phi and /psi; /f is expected"
+        } else {
+            "holds no dataset /f"
+        }
     })?;
     refuse_other_than_reals("f", &f)?;
     let time = number_attribute(&file, "time").map_err(|_| "says no time")?;

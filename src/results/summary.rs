@@ -98,11 +98,13 @@ impl MissedGoals {
     pub fn new(case: &Case, summary: &Summary) -> Self {
         let is_far =
             |error: f64| !summary.hidden_by_round_off && error > FAR_ABOVE * case.tolerance;
-        let estimate =
-            summary.error_estimate.and_then(|error| match summary.error_estimate_reliable {
-                true => Some((error, "estimated")),
-                false => is_far(error).then_some((error, "roughly estimated")),
-            });
+        let estimate = summary.error_estimate.and_then(|error| {
+            if summary.error_estimate_reliable {
+                Some((error, "estimated"))
+            } else {
+                is_far(error).then_some((error, "roughly estimated"))
+            }
+        });
         let measured = summary.error_semidiscrete.map(|error| (error, "measured"));
         let own = measured.or(estimate);
         let tolerance = (own.filter(|_| case.method == Method::Schrodingerized))

@@ -153,16 +153,15 @@ fn read(file: &TableFile) -> Result<Table, TableMistake> {
         return Err("is no file".into());
     }
     let ending = file.path.extension().unwrap_or_default();
-    match ending.eq_ignore_ascii_case("csv") {
-        true if found.len() > MOST_TEXT => {
-            Err(format!("{} bytes; at most {MOST_TEXT} of a CSV file are read", found.len()).into())
-        }
-        true => {
-            let text = std::fs::read_to_string(&file.path).map_err(|e| e.to_string())?;
-            of_text(file, &text)
-        }
-        false => of_hdf5(file),
+    if !ending.eq_ignore_ascii_case("csv") {
+        return of_hdf5(file);
     }
+    let bytes = found.len();
+    if bytes > MOST_TEXT {
+        return Err(format!("{bytes} bytes; at most {MOST_TEXT} of a CSV file are read").into());
+    }
+    let text = std::fs::read_to_string(&file.path).map_err(|e| e.to_string())?;
+    of_text(file, &text)
 }
 
 /// The table of an HDF5 file: a dataset, with the points of its axes in `/axis/NAME` or `/NAME`.

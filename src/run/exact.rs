@@ -65,10 +65,7 @@ pub fn exact_run(
     let times = times(case);
     let mut watch = ExactWatch::new(prints, times.len());
     let by_sheet = case.is_measure_valued() && matches!(exact, Exact::Characteristics);
-    let values_of = match by_sheet {
-        true => None,
-        false => Some(ExactValues::new(world, case, exact)?),
-    };
+    let values_of = if by_sheet { None } else { Some(ExactValues::new(world, case, exact)?) };
     for time in times {
         let found = match &values_of {
             Some(values_of) => at_time(world, case, rank_cells, time, values_of)?,
@@ -166,12 +163,11 @@ fn at_time(
         ExactValues::Traced(_) => {
             let at_points = |points: &[[f64; 6]]| values_of.values_at(points, time);
             let values = sample_with(space, &rank_cells.part(), at_points);
-            match values.iter().all(|f| f.is_finite()) {
-                true => Ok(values),
-                false => {
-                    let place = "where a characteristic of exact.kind = \"characteristics\" begins";
-                    Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()))
-                }
+            if values.iter().all(|f| f.is_finite()) {
+                Ok(values)
+            } else {
+                let place = "where a characteristic of exact.kind = \"characteristics\" begins";
+                Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()))
             }
         }
     };

@@ -230,11 +230,12 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
         let mean = sources.sum(|tally| tally.energy[axis]) / absolute;
         jump.mean_energy = Some(mean).filter(|mean| mean.is_finite());
     }
-    match case.reflects() {
-        true => ledger.omitted.push(
+    if case.reflects() {
+        ledger.omitted.push(
             "outflow through each end: partial reflection has no single characteristic".into(),
-        ),
-        false => outflow(case, &sources, ledger),
+        )
+    } else {
+        outflow(case, &sources, ledger)
     }
     tracker.arrivals
 }
@@ -334,9 +335,10 @@ impl DataSupport {
         while numbers.peek().is_some() {
             let block = numbers.by_ref().take(POINTS_AT_ONCE);
             for particle in sampler.draw(ParticleSource::Initial, &sequence, block) {
-                match particle.inside {
-                    true => inside.push(particle.point),
-                    false => beyond.push(particle.mass.abs()),
+                if particle.inside {
+                    inside.push(particle.point)
+                } else {
+                    beyond.push(particle.mass.abs())
                 }
             }
         }

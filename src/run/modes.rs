@@ -365,9 +365,10 @@ fn refuse_uneven(
         domain.point
     );
     let [first, last] = interval;
-    let beyond = match lower < first || upper > last {
-        true => format!("; beyond its points, from {first:.4} to {last:.4}, the field is repeated"),
-        false => String::new(),
+    let beyond = if lower < first || upper > last {
+        format!("; beyond its points, from {first:.4} to {last:.4}, the field is repeated")
+    } else {
+        String::new()
     };
     let bound = MOST_UNEVEN.max(10.0 * case.tolerance);
     if uneven <= bound || case.warped_field {

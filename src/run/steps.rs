@@ -368,9 +368,10 @@ impl<'a> Driver<'a> {
             prepared = prepared.plan_modes(self.world, resources, ratio)?;
             let points = prepared.plan.warp.as_ref().and_then(|warp| warp.points);
             if let (Some(points), Some(output)) = (points, self.output) {
-                let room = match self.log.prints {
-                    true => warped::enough_room(output.directory, &prepared.case, points),
-                    false => Ok(()),
+                let room = if self.log.prints {
+                    warped::enough_room(output.directory, &prepared.case, points)
+                } else {
+                    Ok(())
                 };
                 prepared.communicator.world.agree(room)?;
             }

@@ -57,7 +57,8 @@ fn variation_in_cells(case: &Case) -> Option<String> {
     (relative > LARGE).then(|| {
         format!(
             "initial.f varies within the cells: their values at the centres are {} off (relative \
-             L2), which an estimate of the grid's error does not see; take more cells or {} above 0",
+             L2), which an estimate of the grid's error does not see; take more cells or {} above \
+             0",
             percent(relative),
             case.degree_keys(0)
         )

@@ -1,5 +1,6 @@
 //! Warnings of formulas and tables that are zero at every point of the grid: data that lie outside
-//! of the box or between its points, or a mistake such as `exp(-(x - 90)^2)`. A constant 0 is meant.
+//! of the box or between its points, or a mistake such as `exp(-(x - 90)^2)`. A constant 0 is
+//! meant.
 
 use crate::base::row_major::indices;
 use crate::problem::case::{Case, Inflow, TIME, TableOf};

@@ -76,17 +76,17 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
         if !case.enters() {
             reductions.idle_unknowns = !allowed.inflow;
             let line = "auxiliary unknowns: nothing enters";
-            match allowed.inflow {
-                true => reductions.dropped.push(line.to_owned()),
-                false => {
-                    (reductions.kept).push(format!("{line}, but solver.reduce.inflow is false"))
-                }
+            if allowed.inflow {
+                reductions.dropped.push(line.to_owned())
+            } else {
+                (reductions.kept).push(format!("{line}, but solver.reduce.inflow is false"))
             }
         }
         let line = "modes l < 0: conjugates of those above, as the data are real";
-        match allowed.modes {
-            true => reductions.dropped.push(line.to_owned()),
-            false => (reductions.kept).push(format!("{line}, but solver.reduce.modes is false")),
+        if allowed.modes {
+            reductions.dropped.push(line.to_owned())
+        } else {
+            (reductions.kept).push(format!("{line}, but solver.reduce.modes is false"))
         }
     }
     case.reductions = reductions;

@@ -49,10 +49,8 @@ impl<'a> Scheme<'a> {
             .map(|(r, axis)| r.start..(r.end + 1).min(axis.cells))
             .collect();
         let potential = Potential::new(case, &wider)?;
-        let elements = match case.is_galerkin() {
-            true => Some(Elements::new(case, &potential)?),
-            false => None,
-        };
+        let elements =
+            if case.is_galerkin() { Some(Elements::new(case, &potential)?) } else { None };
         Ok(Self { case, space: &case.space, potential, no_inflow: !case.enters(), elements })
     }
 

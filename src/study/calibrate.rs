@@ -174,9 +174,10 @@ impl CalibratedCase<'_> {
     /// ranks for. Collective.
     fn block(&self, plan: &Plan, watch: &mut Stopwatch) -> Result<Prepared> {
         let mesh = &plan.layout.mesh;
-        let (part, here) = match self.whole() {
-            true => (self.case.clone(), mesh.clone()),
-            false => cut_in_space(self.case, mesh, self.world.group().size()),
+        let (part, here) = if self.whole() {
+            (self.case.clone(), mesh.clone())
+        } else {
+            cut_in_space(self.case, mesh, self.world.group().size())
         };
         let sweeps = self.provisional.max_weight_sweeps();
         let mut plan = plan.clone();

@@ -109,9 +109,10 @@ fn a_table_at_cell_centres_gives_the_same_bits_for_any_file_and_ranks() {
             }
         }
         let file = hdf5::File::open(to.path().join("result.h5")).map_err(|e| e.to_string())?;
-        match file.attr("table_checksum").is_ok() && file.attr("table_file").is_ok() {
-            true => Ok(()),
-            false => Err("the result has no attributes of the table".to_owned()),
+        if file.attr("table_checksum").is_ok() && file.attr("table_file").is_ok() {
+            Ok(())
+        } else {
+            Err("the result has no attributes of the table".to_owned())
         }
     });
     // A result file is also a valid table.
@@ -136,9 +137,10 @@ fn tables_converge_with_order_2_to_the_formula() {
             table(&path, settings).on(2).solve(to.path())?;
             errors.push(distance(&field(to.path())?, &expected));
         }
-        match errors[0] < 2e-2 && (3.0..5.0).contains(&(errors[0] / errors[1])) {
-            true => Ok(()),
-            false => Err(format!("{settings:?}: errors {errors:?}")),
+        if errors[0] < 2e-2 && (3.0..5.0).contains(&(errors[0] / errors[1])) {
+            Ok(())
+        } else {
+            Err(format!("{settings:?}: errors {errors:?}"))
         }
     });
     // The exact solution follows characteristics back to the table.
@@ -284,10 +286,7 @@ fn same_by_formula_and_table(formula: &Job, table: &Job, most: f64) -> Result<()
         .into_iter()
         .filter(|name| ["/f", "/density", "/momentum", "/potential"].contains(&name.as_str()))
         .collect();
-    match differing.is_empty() {
-        true => Ok(()),
-        false => Err(format!("1 and 3 ranks differ: {differing:?}")),
-    }
+    if differing.is_empty() { Ok(()) } else { Err(format!("1 and 3 ranks differ: {differing:?}")) }
 }
 
 /// A constant table of `V` at the centres of cells has the effect of regions with jumps. A linear
@@ -484,9 +483,10 @@ fn mistakes_in_tables_are_blamed_on_their_set() {
         let finished = Job::new(["check", *path]).set(&[*setting]).run()?;
         let set = format!("--set {setting}: ");
         finished.ended(2, &[&set, words])?;
-        match finished.errors.contains(&line(path)) {
-            true => Err(finished.report("the case file is blamed")),
-            false => Ok(()),
+        if finished.errors.contains(&line(path)) {
+            Err(finished.report("the case file is blamed"))
+        } else {
+            Ok(())
         }
     });
     // Without a `--set`, the line of the case file is named.

@@ -1,7 +1,6 @@
 //! `[[axis]]`: the grid.
 
 use crate::base::error::Result;
-use crate::problem::case::Case;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::Item;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
@@ -91,31 +90,6 @@ fn key_of_grid_size(file: &CaseFile<'_>, pairs: usize) -> String {
     let keys = (0..pairs).flat_map(|a| ["x", "v"].map(|axis| format!("axis.{a}.{axis}.cells")));
     let set = keys.filter_map(|key| Some((file.override_of(&key)?, key)));
     set.max().map_or_else(|| "axis".to_owned(), |(_, key)| key)
-}
-
-impl Case {
-    /// The key that gives the degree of axis number `k` (first the space axes, then those of the
-    /// velocity): an axis may have its own.
-    pub fn degree_key(&self, k: usize) -> String {
-        let n = self.space.dimension();
-        let own =
-            if k < n { format!("axis.{k}.x.degree") } else { format!("axis.{}.v.degree", k - n) };
-        if self.settings.contains_key(&own) { own } else { DEGREE_KEY.to_owned() }
-    }
-
-    /// The keys that give this `degree` to axes of more than one cell, for messages:
-    /// `axis.0.x.degree and scheme.degree`. [`DEGREE_KEY`] if no axis has this degree.
-    pub fn degree_keys(&self, degree: usize) -> String {
-        let axes = self.space.axes().enumerate();
-        let of_degree = axes.filter(|(_, axis)| axis.cells > 1 && axis.nodes.degree == degree);
-        let mut keys: Vec<String> = Vec::new();
-        for key in of_degree.map(|(k, _)| self.degree_key(k)) {
-            if !keys.contains(&key) {
-                keys.push(key);
-            }
-        }
-        if keys.is_empty() { DEGREE_KEY.to_owned() } else { keys.join(" and ") }
-    }
 }
 
 /// The grid; `degree` is the default for axes that give none.

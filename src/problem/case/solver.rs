@@ -186,10 +186,7 @@ impl SchemeTable {
     /// has no such law. It conserves what the law `conservative` does, so it is reported by that
     /// name.
     pub fn law(&self, couples_by_energy: bool) -> Interface {
-        match couples_by_energy {
-            true => Interface::Conservative,
-            false => self.interface.unwrap_or_default(),
-        }
+        if couples_by_energy { Interface::Conservative } else { self.interface.unwrap_or_default() }
     }
 
     /// The parameter `α` of the numerical flux between elements, from 0 (central) to 1 (upwind).

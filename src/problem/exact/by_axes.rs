@@ -149,9 +149,10 @@ impl AxisLine {
                 rest: 8.0 * REST * space.x[a].width() * potential.steepest(a),
             }
         };
-        match space.v.iter().all(|v| v.lower <= 0.0 && v.upper >= 0.0) {
-            true => (0..space.dimension()).map(line).collect(),
-            false => Vec::new(),
+        if space.v.iter().all(|v| v.lower <= 0.0 && v.upper >= 0.0) {
+            (0..space.dimension()).map(line).collect()
+        } else {
+            Vec::new()
         }
     }
 
@@ -208,9 +209,10 @@ impl AxisLine {
         let (mut square, mut speed) = (w * w, w.abs());
         loop {
             let (up, slope) = (sign > 0.0, self.slopes[i]);
-            let [behind, ahead] = match up {
-                true => [x - self.faces[i], self.faces[i + 1] - x],
-                false => [self.faces[i + 1] - x, x - self.faces[i]],
+            let [behind, ahead] = if up {
+                [x - self.faces[i], self.faces[i + 1] - x]
+            } else {
+                [self.faces[i + 1] - x, x - self.faces[i]]
             };
             let push = -sign * slope;
             let turns = square + 2.0 * push * ahead <= 0.0;
@@ -264,10 +266,12 @@ impl AxisLine {
             (particle.cell, particle.w) = (here, -particle.w);
         }
         let slow = particle.w * particle.w <= self.rest;
-        match (self.box_ends[0]..=self.box_ends[1]).contains(&particle.w) {
-            _ if slow => AtFace::Rare,
-            true => AtFace::Goes,
-            false => AtFace::Leaves,
+        if slow {
+            AtFace::Rare
+        } else if (self.box_ends[0]..=self.box_ends[1]).contains(&particle.w) {
+            AtFace::Goes
+        } else {
+            AtFace::Leaves
         }
     }
 }

@@ -148,9 +148,8 @@ impl ChartEntry {
             integrator: (!modes).then_some(case.integrator),
             limiter: (!modes).then_some(case.limiter),
             cfl: steps.then_some(case.cfl),
-            profile: modes.then(|| match case.is_unitary() {
-                true => UNITARY.to_owned(),
-                false => choice_text(&warp.profile),
+            profile: modes.then(|| {
+                if case.is_unitary() { UNITARY.to_owned() } else { choice_text(&warp.profile) }
             }),
             coefficients: modes.then_some(warp.coefficients),
             weights: modes.then_some(warp.weights),

@@ -93,12 +93,11 @@ impl fmt::Display for Chart {
             (self.entries.iter()).filter(|e| !fronts(e).is_empty()).collect();
         let key = |e: &&ChartEntry| (e.cells, e.method as u8);
         rows.sort_by_key(key);
-        match rows.is_empty() {
-            true => writeln!(f, "{}: no trial is on a front\n", self.title)?,
-            false => {
-                writeln!(f, "{}, on a front:\n", self.title)?;
-                table(f, &rows, &fronts)?;
-            }
+        if rows.is_empty() {
+            writeln!(f, "{}: no trial is on a front\n", self.title)?
+        } else {
+            writeln!(f, "{}, on a front:\n", self.title)?;
+            table(f, &rows, &fronts)?;
         }
         for sentence in &self.sentences {
             writeln!(f, "{sentence}")?;

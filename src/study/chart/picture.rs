@@ -176,9 +176,10 @@ fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
 fn diagonal(entries: &[&ChartEntry]) -> Vec<[f64; 2]> {
     let reached = entries.iter().filter(|e| is_planned(e) && e.error_semidiscrete.is_some());
     let all: Vec<f64> = reached.filter_map(|e| e.tolerance).collect();
-    match all.is_empty() {
-        true => Vec::new(),
-        false => smallest_and_largest(all.into_iter()).map(|end| [end, end]).into(),
+    if all.is_empty() {
+        Vec::new()
+    } else {
+        smallest_and_largest(all.into_iter()).map(|end| [end, end]).into()
     }
 }
 

@@ -122,9 +122,10 @@ impl Border {
         let kind = if self.theory.is_some() { kind(self.bound) } else { "" };
         let (measured, theory) = (number(self.measured), number(self.theory));
         // A longer name is on a line of its own.
-        let name = match self.name.chars().count() > width {
-            true => format!("{}\n  {:width$}", self.name, ""),
-            false => format!("{:<width$}", self.name),
+        let name = if self.name.chars().count() > width {
+            format!("{}\n  {:width$}", self.name, "")
+        } else {
+            format!("{:<width$}", self.name)
         };
         writeln!(f, "  {name} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}")
     }
