@@ -78,7 +78,7 @@ scaling: build ## 64 to 6400 ranks, modelled and simulated, into docs/scaling.md
 	scripts/charted.sh ranks.py --program $(PROGRAM) $(ARGS)
 
 stability: build ## where methods fail on example 1, for docs/stability.md (or CASE=, RESULTS=)
-	mpirun -np $(RANKS) $(PROGRAM) stability $(CASE) --budget 5m -o $(RESULTS)-stability
+	mpirun -np $(RANKS) $(PROGRAM) stability $(CASE) --budget 5m -o $(RESULTS)-stability --force
 	@if [ "$(CASE)" = cases/example1.toml ]; then \
 	    mkdir -p docs/charts && cp $(RESULTS)-stability/stability.svg docs/charts/; fi
 
@@ -155,7 +155,7 @@ chart: $(foreach n,1 2 3,chart-$(n)) ## accuracy against cost, examples 1 to 3 (
 
 chart-%: build
 	mpirun -np $(RANKS) $(PROGRAM) chart cases/example$*.toml --budget $(BUDGET) \
-	    -o results/example$*-chart
+	    -o results/example$*-chart --force
 	@mkdir -p docs/charts
 	cp results/example$*-chart/chart.svg docs/charts/example$*.svg
 	cp results/example$*-chart/chart.csv docs/charts/example$*.csv

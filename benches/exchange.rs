@@ -59,10 +59,7 @@ impl Split {
 
     fn step(&mut self, exchanged: bool) {
         let [y, x] = &mut self.vectors;
-        let exchange = match exchanged {
-            true => &mut self.exchange,
-            false => &mut self.nothing,
-        };
+        let exchange = if exchanged { &mut self.exchange } else { &mut self.nothing };
         (self.matrix).step(exchange, &self.constants, None, y, x, &self.start);
         std::mem::swap(y, x);
     }

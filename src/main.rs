@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use phasewarp::base::error::{Error, Result};
-use phasewarp::base::log::{report, say, unwritten};
+use phasewarp::base::log::{eprint_wrapped, print_wrapped, unwritten};
 use phasewarp::base::machine::{self, RunPart};
 use phasewarp::command::cli::Cli;
 use phasewarp::command::execute;
@@ -23,7 +23,7 @@ fn main() {
         machine::stop_when_terminated();
     }
     let Some(world) = World::start() else {
-        report("phasewarp: MPI could not be started");
+        eprint_wrapped("phasewarp: MPI could not be started");
         std::process::exit(1);
     };
     // Every rank parses the same command line; only rank 0 prints.
@@ -33,9 +33,10 @@ fn main() {
             if world.group().is_first() {
                 // Mistakes go to standard error, help and version to standard output.
                 let text = error.render().to_string();
-                match error.use_stderr() {
-                    true => report(text.trim_end()),
-                    false => say(text.trim_end()),
+                if error.use_stderr() {
+                    eprint_wrapped(text.trim_end())
+                } else {
+                    print_wrapped(text.trim_end())
                 }
             }
             error.exit_code()
@@ -43,7 +44,7 @@ fn main() {
     };
     let code = match unwritten().filter(|_| code == 0) {
         Some(why) => {
-            report(&format!("error: standard output could not be written: {why}"));
+            eprint_wrapped(&format!("error: standard output could not be written: {why}"));
             1
         }
         None => code,
@@ -57,9 +58,10 @@ fn main() {
 /// Reports the error of a command, and returns its exit code. Ends the program if files are open.
 fn failed(world: &World, error: &Error) -> i32 {
     if world.group().is_first() {
-        match error.is_stop() {
-            true => report(&error.to_string()),
-            false => report(&format!("error: {error}")),
+        if error.is_stop() {
+            eprint_wrapped(&error.to_string())
+        } else {
+            eprint_wrapped(&format!("error: {error}"))
         }
     }
     if error.leaves_files_open() {

@@ -149,16 +149,17 @@ fn refuse_fast_inflow(case: &Case) -> Result<()> {
         return Ok(());
     }
     let Some(from) = InflowPanels::new(case, f64::INFINITY).unresolved_from else { return Ok(()) };
-    let instead = match is_classical {
-        true => "solver.classical.integrator = \"ssp-rk3\" takes steps instead",
-        false => "without solver.verify it is not needed",
+    let instead = if is_classical {
+        "solver.classical.integrator = \"ssp-rk3\" takes steps instead"
+    } else {
+        "without solver.verify it is not needed"
     };
     Err(Error::Input(format!(
         "{}: {}: its integral over time takes more than {MOST} panels, as it varies too fast from \
          t = {} on; {instead}",
         case.name,
         case.fields[0].entering().place(),
-        short(case.begin + from)
+        short(case.start_time + from)
     )))
 }
 
@@ -272,7 +273,7 @@ impl Plan {
         const POSSIBLE: f64 = 1e-12;
         let mut case = case.clone();
         case.tolerance = case.tolerance.max(POSSIBLE);
-        if case.start.is_none() {
+        if case.warped_start.is_none() {
             case.warp.interval = None;
         }
         Self::with_bounds(&case, bounds.expected(), resources, 1.0)
@@ -345,11 +346,10 @@ impl Plan {
 
     /// `96 cells`, `864 unknowns on 8 x 12 elements`.
     pub fn grid_size(&self) -> String {
-        match self.elements == self.shape {
-            true => counted(self.cells, "cell", "cells"),
-            false => {
-                format!("{} unknowns on {} elements", self.cells, joined(&self.elements, " x "))
-            }
+        if self.elements == self.shape {
+            counted(self.cells, "cell", "cells")
+        } else {
+            format!("{} unknowns on {} elements", self.cells, joined(&self.elements, " x "))
         }
     }
 

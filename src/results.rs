@@ -71,7 +71,7 @@ pub(crate) fn files(case: &Case) -> impl Iterator<Item = RunFile> {
 
 /// The files that `case` reads, with the keys that name them.
 pub(crate) fn given_files(case: &Case) -> impl Iterator<Item = (String, &Path)> {
-    let modes = case.start.iter().map(|start| ("initial.warped".to_owned(), &*start.path));
+    let modes = case.warped_start.iter().map(|start| ("initial.warped".to_owned(), &*start.path));
     let field = case.start_field.iter().map(|start| ("initial.field".to_owned(), &*start.path));
     let tables = case.tables.iter().map(|file| (file.of.key(), &*file.path));
     modes.chain(field).chain(tables)

@@ -33,10 +33,11 @@ mod solved;
 mod steps;
 mod summarise;
 mod unresolved;
+mod vanishing;
 pub mod warnings;
 
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::results::accuracy::Accuracy;
@@ -73,7 +74,7 @@ pub fn is_done(
 ) -> bool {
     let found = finished::is_finished(&world.group(), directory, case);
     if let (Err(damage), true) = (&found, world.group().is_first()) {
-        report(&format!("warning: {}", warning(damage)));
+        eprint_wrapped(&format!("warning: {}", warning(damage)));
     }
     matches!(found, Ok(true))
 }

@@ -141,10 +141,7 @@ pub(crate) fn is_taken(path: &Path) -> bool {
 /// # Errors
 /// Of the file system, or that it is no file.
 pub(crate) fn require_file(path: &Path) -> io::Result<()> {
-    match std::fs::metadata(path)?.is_file() {
-        true => Ok(()),
-        false => Err(io::Error::other("is no file")),
-    }
+    if std::fs::metadata(path)?.is_file() { Ok(()) } else { Err(io::Error::other("is no file")) }
 }
 
 /// Refuses files of `needed` bytes that the disk of `directory` cannot hold. `what` makes the

@@ -8,13 +8,13 @@ use std::sync::OnceLock;
 static UNWRITTEN: OnceLock<String> = OnceLock::new();
 
 /// Prints lines for people, wrapped.
-pub fn say(text: &str) {
-    say_unwrapped(&wrapped(&visible(text)));
+pub fn print_wrapped(text: &str) {
+    print_as_is(&wrapped(&visible(text)));
 }
 
 /// Prints lines for programs, as they are. A closed pipe (`| head`) is no error; any other failure
 /// is kept for [`unwritten`].
-pub(crate) fn say_unwrapped(text: &str) {
+pub(crate) fn print_as_is(text: &str) {
     let mut output = std::io::stdout().lock();
     let written = writeln!(output, "{}", visible(text)).and_then(|()| output.flush());
     if let Some(why) = written.err().filter(|why| why.kind() != ErrorKind::BrokenPipe) {
@@ -29,6 +29,6 @@ pub fn unwritten() -> Option<&'static str> {
 }
 
 /// Prints lines for people to standard error, wrapped; a failure to write is ignored.
-pub fn report(text: &str) {
+pub fn eprint_wrapped(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", wrapped(&visible(text)));
 }

@@ -79,9 +79,10 @@ impl ProcessMemory {
         let [resident, files] = [value("VmHWM:"), value("RssFile:")];
         // If the peak has risen, pages of files at that moment are about as many as before or now.
         // The larger number is taken, so that `anonymous` is not too large.
-        let at_peak = match resident > self.peak.resident {
-            true => resident.saturating_sub(files.max(self.files)),
-            false => 0,
+        let at_peak = if resident > self.peak.resident {
+            resident.saturating_sub(files.max(self.files))
+        } else {
+            0
         };
         let now = value("RssAnon:") + value("RssShmem:");
         let anonymous = self.peak.anonymous.max(at_peak).max(now);
@@ -215,9 +216,10 @@ fn mount_of(mounts: &str, version_2: bool) -> Option<Mount> {
         let (before, after) = line.split_once(" - ")?;
         let mut kind = after.split(' ');
         let (name, options) = (kind.next()?, kind.nth(1)?);
-        let fits = match version_2 {
-            true => name == "cgroup2",
-            false => name == "cgroup" && options.split(',').any(|o| o == "memory"),
+        let fits = if version_2 {
+            name == "cgroup2"
+        } else {
+            name == "cgroup" && options.split(',').any(|o| o == "memory")
         };
         let mut fields = before.split(' ').skip(3);
         let (group, point) = (fields.next()?, fields.next()?);

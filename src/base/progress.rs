@@ -47,7 +47,7 @@ impl Progress {
             let fraction = self.done as f64 / self.total.max(1) as f64;
             let left = self.started.elapsed().as_secs_f64() * (1.0 / fraction - 1.0);
             let line = format!("{} {:.0} %, {left:.0} s to go", self.name, 100.0 * fraction);
-            crate::base::log::report(&line);
+            crate::base::log::eprint_wrapped(&line);
         }
     }
 

@@ -5,7 +5,7 @@
 //! whole and can be copied. And the label of each number goes with it, as a column of CSV and as a
 //! mark in LaTeX.
 
-use crate::base::text::{COLUMNS, csv_field, plain, short};
+use crate::base::text::{COLUMNS, csv_field, json_text, short};
 use serde_json::Value;
 use textwrap::core::display_width;
 
@@ -121,7 +121,7 @@ pub fn csv(columns: &[ColumnValues]) -> String {
             lines[0].push(csv_field(&format!("{}_label", column.name)));
         }
         for (row, cell) in column.cells.iter().enumerate() {
-            let text = if cell.is_null() { String::new() } else { plain(cell) };
+            let text = if cell.is_null() { String::new() } else { json_text(cell) };
             lines[1 + row].push(csv_field(&text));
             let label = column.labels.get(row).map(|label| csv_field(label.word));
             lines[1 + row].extend(label);
@@ -148,7 +148,7 @@ pub fn tabular(columns: &[ColumnValues], before: impl Fn(usize) -> String) -> St
 /// A value in LaTeX, with the mark of its label.
 fn tex_number(value: &Value, mark: char) -> String {
     let Value::Number(number) = value else {
-        return if value.is_null() { "--".to_owned() } else { tex_text(&plain(value)) };
+        return if value.is_null() { "--".to_owned() } else { tex_text(&json_text(value)) };
     };
     let text = match number.as_f64().filter(|_| number.is_f64()) {
         Some(number) => short(number),

@@ -16,7 +16,7 @@ const MOST_HANG: usize = 40;
 const COMMANDS: [&str; 4] = ["phasewarp", "mpirun", "srun", "sbatch"];
 
 /// A choice as in the case file, followed by its parameters.
-pub(crate) fn word(choice: &impl Serialize) -> String {
+pub(crate) fn choice_text(choice: &impl Serialize) -> String {
     fn text(value: &Value) -> Option<String> {
         match value {
             Value::Null => None,
@@ -80,9 +80,10 @@ fn wrapped_line(line: &str) -> Cow<'_, str> {
     // A line of settings is part of a command. In help, the argument of --set is in brackets.
     let settings = first == "--set" && !line[begin..].starts_with("--set <");
     let is_command = COMMANDS.contains(&first) || settings;
-    let (width, hang, separator, end) = match is_command {
-        true => (COLUMNS - 2, begin + 4, WordSeparator::Custom(shell_words), " \\\n"),
-        false => (COLUMNS, hang(line, begin), WordSeparator::AsciiSpace, "\n"),
+    let (width, hang, separator, end) = if is_command {
+        (COLUMNS - 2, begin + 4, WordSeparator::Custom(shell_words), " \\\n")
+    } else {
+        (COLUMNS, hang(line, begin), WordSeparator::AsciiSpace, "\n")
     };
     let hang = " ".repeat(hang);
     let options = Options::new(width)
@@ -133,9 +134,10 @@ pub fn quoted(word: &str) -> String {
 
 /// A field of a CSV file (RFC 4180).
 pub fn csv_field(text: &str) -> String {
-    match text.contains([',', '"', '\n', '\r']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text.to_owned(),
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
     }
 }
 
@@ -172,9 +174,10 @@ pub fn bytes_text(bytes: u64) -> String {
 /// A fraction as a percentage, `-4.25 %`.
 pub fn percent(part: f64) -> String {
     let percent = 100.0 * part;
-    match (0.01..1e4).contains(&percent.abs()) {
-        true => format!("{percent:.2} %"),
-        false => format!("{} %", short(percent)),
+    if (0.01..1e4).contains(&percent.abs()) {
+        format!("{percent:.2} %")
+    } else {
+        format!("{} %", short(percent))
     }
 }
 
@@ -262,15 +265,15 @@ pub fn on_one_line(text: &str) -> String {
 }
 
 /// A value as people write it: text without quotes, all else as JSON.
-pub fn plain(value: &Value) -> String {
+pub fn json_text(value: &Value) -> String {
     match value {
         Value::String(text) => text.clone(),
-        other => compact(other),
+        other => compact_json(other),
     }
 }
 
 /// JSON without blanks, numbers as Python writes them.
-pub fn compact(value: &Value) -> String {
+pub fn compact_json(value: &Value) -> String {
     let mut bytes = Vec::new();
     // Writing into memory does not fail.
     let _ = value.serialize(&mut Serializer::with_formatter(&mut bytes, Python));
@@ -443,7 +446,7 @@ mod tests {
     fn numbers_are_those_of_python() {
         let numbers = json!([0.0, 1.0, 0.1, 1e-4, 1e-5, -2.5e-7, 1e15, 1e16, 1.5e300, 3, true]);
         let text = "[0.0,1.0,0.1,0.0001,1e-05,-2.5e-07,1000000000000000.0,1e+16,1.5e+300,3,true]";
-        assert_eq!(compact(&numbers), text);
+        assert_eq!(compact_json(&numbers), text);
     }
 
     #[test]

@@ -412,6 +412,9 @@ pub struct ChartArgs {
     /// Directory to write to; by default results/NAME-chart
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+    /// Replace the chart of another case in DIR, and files there that no chart wrote
+    #[arg(long)]
+    pub force: bool,
     /// Approximate time for all trial runs: 60s, 10m
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
     pub budget: Duration,
@@ -526,6 +529,9 @@ pub struct StabilityArgs {
     /// Directory to write to; by default results/NAME-stability
     #[arg(short, long, value_name = "DIR")]
     pub output: Option<PathBuf>,
+    /// Replace the stability study of another case in DIR, and files there that no study wrote
+    #[arg(long)]
+    pub force: bool,
     /// Measure only these panels
     #[arg(long, value_name = "PANEL[,PANEL...]", value_enum, value_delimiter = ',')]
     pub only: Vec<PanelName>,

@@ -1,8 +1,8 @@
 //! The case as the program read it: what `phasewarp check` prints.
 
 use crate::base::text::{
-    ALGORITHM_ERROR, GRID_ERROR, coordinate_text, counted, on_one_line, rounded, sentence, short,
-    word,
+    ALGORITHM_ERROR, GRID_ERROR, choice_text, coordinate_text, counted, on_one_line, rounded,
+    sentence, short,
 };
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
@@ -46,9 +46,10 @@ fn unknowns(space: &PhaseSpace) -> String {
 
 /// A number with all its digits, in scientific form where it is very small or large.
 fn plain(value: f64) -> String {
-    match value == 0.0 || (1e-3..1e7).contains(&value.abs()) {
-        true => value.to_string(),
-        false => format!("{value:e}"),
+    if value == 0.0 || (1e-3..1e7).contains(&value.abs()) {
+        value.to_string()
+    } else {
+        format!("{value:e}")
     }
 }
 
@@ -96,7 +97,7 @@ fn formulas(case: &Case) -> String {
             &format!("measure-valued: density {density}, velocity {list}; f = phi delta(psi)\n");
     }
     if let (Some(start), Some([lower, upper]), Some(points)) =
-        (&case.start, case.warp.interval, case.warp.points)
+        (&case.warped_start, case.warp.interval, case.warp.points)
     {
         let file = start.path.display();
         text += &format!(
@@ -105,9 +106,9 @@ fn formulas(case: &Case) -> String {
         );
     }
     if let Some(start) = &case.start_field {
-        text += &format!("f({}) = /f of {}\n", plain(case.begin), start.path.display());
+        text += &format!("f({}) = /f of {}\n", plain(case.start_time), start.path.display());
     }
-    for field in case.fields.iter().filter(|_| case.start.is_none()) {
+    for field in case.fields.iter().filter(|_| case.warped_start.is_none()) {
         text += &format!("{}(0) = {}\n", field.name, on_one_line(field.initial.text()));
         text += &match &field.inflow {
             case::Inflow::Formula(f) => format!("inflow = {}\n", on_one_line(f.text())),
@@ -119,44 +120,43 @@ fn formulas(case: &Case) -> String {
 
 /// Times, interface law, method and its settings.
 fn method(case: &Case, bounds: &Bounds) -> String {
-    let interface = match case.is_galerkin() {
-        false => format!("interface {}", word(&case.interface)),
-        true => {
-            let ends = if case.is_closed() { ", closed ends" } else { "" };
-            format!("flux {}{ends}, interface matched by energy", case.flux)
-        }
+    let interface = if !case.is_galerkin() {
+        format!("interface {}", choice_text(&case.interface))
+    } else {
+        let ends = if case.is_closed() { ", closed ends" } else { "" };
+        format!("flux {}{ends}, interface matched by energy", case.flux)
     };
-    let from = match case.begin {
+    let from = match case.start_time {
         0.0 => String::new(),
         begin => format!("from t = {} to ", plain(begin)),
     };
     let common = format!(
         "{from}T = {}, {interface}, method {}, tolerance {:e}\n",
         plain(case.end),
-        word(&case.method),
+        choice_text(&case.method),
         case.tolerance
     );
     let settings = match case.method {
         Method::Classical => format!(
             "integrator {}, cfl {}, limiter {}\n",
-            word(&case.integrator),
+            choice_text(&case.integrator),
             case.cfl,
-            word(&case.limiter)
+            choice_text(&case.limiter)
         ),
         Method::Schrodingerized => {
             format!(
                 "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, \
              propagator {}\n",
-                match case.start {
+                match case.warped_start {
                     Some(_) => "that of initial.warped".to_owned(),
-                    None => word(&case.warp.profile),
+                    None => choice_text(&case.warp.profile),
                 },
-                word(&case.warp.coefficients),
-                word(&case.warp.recovery_method),
-                word(&case.warp.inflow),
-                word(&case.warp.delta),
-                word(&case.warp.shift),
-                word(&case.propagator)
+                choice_text(&case.warp.coefficients),
+                choice_text(&case.warp.recovery_method),
+                choice_text(&case.warp.inflow),
+                choice_text(&case.warp.delta),
+                choice_text(&case.warp.shift),
+                choice_text(&case.propagator)
             ) + &schrodingerized(bounds)
         }
     };
@@ -182,11 +182,12 @@ fn schrodingerized(bounds: &Bounds) -> String {
     let parts: Vec<String> = (parts.iter().filter(|part| part.1 > 0.0))
         .map(|(cause, most)| format!("{cause} (at most {})", short(*most)))
         .collect();
-    match parts.is_empty() {
-        true => "S is zero: the flow is unitary by itself, and Schrödingerization does not change \
-                 it\n"
-            .to_owned(),
-        false => format!("Schrödingerized: {}; {most}\n", parts.join(", ")),
+    if parts.is_empty() {
+        "S is zero: the flow is unitary by itself, and Schrödingerization does not change \
+         it\n"
+            .to_owned()
+    } else {
+        format!("Schrödingerized: {}; {most}\n", parts.join(", "))
     }
 }
 

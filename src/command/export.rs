@@ -1,7 +1,7 @@
 //! `phasewarp export-quantum`, `export-matrix` and `export-circuit`: files for other programs.
 
 use crate::base::error::Result;
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::text::{rounded, short};
 use crate::command::cli::{CircuitArgs, ExportArgs, QuantumArgs};
 use crate::command::loading::{default_directory, load};
@@ -39,7 +39,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     if let Some(why) = &description.preparation
         && world.group().is_first()
     {
-        report(&format!("warning: no preparation.qasm: {why}"));
+        eprint_wrapped(&format!("warning: no preparation.qasm: {why}"));
     }
     let probability = description.probability_p * description.probability_field_given_p;
     let line = format!(

@@ -3,15 +3,17 @@
 use crate::base::checksum;
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
 use crate::problem::case::reader::{key_of, number_of};
 use crate::problem::case::{self, Case};
+use crate::problem::exported::ExportOwner;
 use crate::results::dataset::RESULT;
 use crate::results::table_file::{checksum_name, file_name, with_tables};
 use crate::results::untrusted;
 use crate::solve::checkpoint::store;
+use crate::study::files::refuse_to_replace_study;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -79,7 +81,7 @@ pub fn load_continued(
     let case = Case::parse(&found.name, &found.text, &found.overrides)?;
     if group.is_first() && !found.left_out.is_empty() {
         let keys = found.left_out.join(" and ");
-        report(&format!("--continue: {keys} left out; they list times of the first part"));
+        eprint_wrapped(&format!("--continue: {keys} left out; they list times of the first part"));
     }
     let case = with_tables(&group, &case)?.into_owned();
     for file in &case.tables {
@@ -208,18 +210,26 @@ pub fn default_directory_of(case: &str, what: &str) -> PathBuf {
     name.into()
 }
 
-/// Makes the directory of a study of `case`: `output`, or `results/NAME-what`. Fails before minutes
-/// are spent on measurements. Collective.
+/// The directory of a study of the case file `case`: `output`, or `results/NAME-what`.
+pub fn study_directory(output: Option<&PathBuf>, owner: &ExportOwner, case: &str) -> PathBuf {
+    output.cloned().unwrap_or_else(|| default_directory_of(case, &owner.export.word()))
+}
+
+/// Makes the `directory` of a study, unless it holds files of another case and `force` is not
+/// given. Fails before minutes are spent on measurements. Collective.
 ///
 /// # Errors
-/// As [`disk::make`], the same on all ranks.
-pub fn study_directory(
+/// As [`refuse_to_replace_study`] and [`disk::make`], the same on all ranks.
+pub fn make_study_directory(
     world: &World,
-    output: Option<&PathBuf>,
-    case: &str,
-    what: &str,
-) -> Result<PathBuf> {
-    let directory = output.cloned().unwrap_or_else(|| default_directory_of(case, what));
-    world.group().on_first_rank(|| disk::make(&directory))?;
-    Ok(directory)
+    directory: &Path,
+    owner: &ExportOwner,
+    force: bool,
+) -> Result<()> {
+    world.group().on_first_rank(|| {
+        if !force {
+            refuse_to_replace_study(directory, owner)?;
+        }
+        disk::make(directory)
+    })
 }

@@ -67,7 +67,7 @@ fn times(args: &MovieArgs, run: &StoredRun) -> Result<Vec<StoredTime>> {
     let place = args.places.directory.display();
     let all = run.snapshots().map_err(|why| failure(&args.places.directory, &why))?;
     if all.len() < 2 {
-        let begin = run.case.as_ref().map_or(0.0, |case| case.begin);
+        let begin = run.case.as_ref().map_or(0.0, |case| case.start_time);
         return Err(Error::Input(format!(
             "{place}: it has fields at one time only, t = {}; a movie needs several: set \
              output.fields_every = {}, or output.field_times, and run the case again",

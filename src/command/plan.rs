@@ -113,11 +113,10 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
         let plan = planned.map(|planned| known.insert(planned).plan.clone());
         choices.push(RankChoice { ranks, node: node(args, ranks), plan });
     }
-    let reference = match args.calibrate {
-        true => {
-            Some(calibrate(world, case, &resources(args, ranks_of_reference(world, &choices)))?)
-        }
-        false => None,
+    let reference = if args.calibrate {
+        Some(calibrate(world, case, &resources(args, ranks_of_reference(world, &choices)))?)
+    } else {
+        None
     };
     // Its cost is compared with others, also where it does not fit.
     let alone = Resources { ranks: 1, ..Resources::default() };

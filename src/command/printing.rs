@@ -1,6 +1,6 @@
 //! Standard output of a command, which the first rank writes.
 
-use crate::base::log::{say, say_unwrapped};
+use crate::base::log::{print_as_is, print_wrapped};
 use crate::base::machine::{self, StopMessages};
 use crate::parallel::communicator::World;
 use serde::Serialize;
@@ -9,14 +9,14 @@ use std::fmt::Display;
 /// Prints text for people on the first rank, wrapped to the width of a terminal.
 pub fn print(world: &World, text: &str) {
     if world.group().is_first() {
-        say(text.trim_end());
+        print_wrapped(text.trim_end());
     }
 }
 
 /// Prints output for programs on the first rank without wrapping lines: JSON, file names, scripts.
 pub fn print_unwrapped(world: &World, text: &str) {
     if world.group().is_first() {
-        say_unwrapped(text.trim_end());
+        print_as_is(text.trim_end());
     }
 }
 

@@ -4,7 +4,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::text::{joined, quoted};
 use crate::base::version::VERSION;
 use crate::command::cli::PlanArgs;
@@ -98,7 +98,7 @@ pub fn write(world: &World, args: &PlanArgs, case: &Case, needs: JobResources) -
         disk::write(file, script.to_string().as_bytes())?;
         // Not on standard output, which may be JSON.
         let word = quoted(&absolute(file)?);
-        report(&format!("{} is written. Submit it:\n  sbatch {word}", file.display()));
+        eprint_wrapped(&format!("{} is written. Submit it:\n  sbatch {word}", file.display()));
         Ok(())
     })
 }

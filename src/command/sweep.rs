@@ -2,7 +2,7 @@
 
 use crate::base::disk;
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::machine::{self, RunPart, StopMessages};
 use crate::command::cli::{Mode, SweepArgs};
 use crate::command::loading::{default_directory_of, load_text};
@@ -96,7 +96,7 @@ fn list(world: &World, sweep: &Sweep) {
         let label = label.replace(['\t', '\n'], " ");
         print_unwrapped(world, &format!("{number}\t{label}\t{directory}"));
         if let (Some(why), true) = (&run.refused, world.group().is_first()) {
-            report(&format!("warning: run {number} is refused: {why}"));
+            eprint_wrapped(&format!("warning: run {number} is refused: {why}"));
         }
     }
 }

@@ -159,15 +159,14 @@ impl Bounds {
             None => Vec::new(),
             Some(faces) => line_bounds(case, jumps, &faces)?,
         };
-        let (rate, dissipation) = match case.is_galerkin() {
-            false => {
-                let rate = transport_rate(&case.space) + single + force;
-                (rate, 2.0 * rate)
-            }
-            true => (
+        let (rate, dissipation) = if !case.is_galerkin() {
+            let rate = transport_rate(&case.space) + single + force;
+            (rate, 2.0 * rate)
+        } else {
+            (
                 lines.iter().map(LineBounds::norm).sum(),
                 lines.iter().map(LineBounds::dissipation).sum(),
-            ),
+            )
         };
         let jumps_across = jumps.map(|jump| jump.is_some());
         let jumps = jumps_across.contains(&true);
@@ -218,7 +217,7 @@ impl Bounds {
     pub fn traced_bytes(&self, case: &Case) -> u64 {
         *self.traced.get_or_init(|| {
             let space = grid(case);
-            let is_begun = case.start.is_some() || case.start_field.is_some();
+            let is_begun = case.warped_start.is_some() || case.start_field.is_some();
             let most = match case.exact {
                 Some(Exact::Characteristics) => MostCells::EXACT,
                 _ if is_begun || space.space_cells() > MOST_EXAMINED => return 0,

@@ -104,9 +104,10 @@ impl<'a> ElementFaces<'a> {
         let is_higher = (kind.jump() < 0.0) == upper;
         let v = &space.v[a];
         let reflected = (2.0 * kind.jump().abs()).sqrt();
-        match closed || !is_higher && reflected <= v.upper.min(-v.lower) {
-            true => FaceKind::Inner,
-            false => FaceKind::Beyond,
+        if closed || !is_higher && reflected <= v.upper.min(-v.lower) {
+            FaceKind::Inner
+        } else {
+            FaceKind::Beyond
         }
     }
 

@@ -250,10 +250,8 @@ impl PhaseLines {
         self.pieces.iter().fold([0.0; 2], |widest, piece| {
             let LinePiece { elements, faces, steepest } = *piece;
             let line = Stretch { elements, faces, speeds: Vec::new() };
-            let x = match fastest > 0.0 {
-                true => line.interval(&of[0], form, 1.0, [0.0; 2]),
-                false => [0.0; 2],
-            };
+            let x =
+                if fastest > 0.0 { line.interval(&of[0], form, 1.0, [0.0; 2]) } else { [0.0; 2] };
             let widest = wider(widest, x.map(|bound| bound * fastest));
             let forced = stretches.iter().filter(|_| steepest > 0.0);
             forced.fold(widest, |widest, stretch| {

@@ -63,9 +63,10 @@ impl RowLines {
     /// The rows of any line.
     pub fn rows(&self, line: usize) -> impl Iterator<Item = usize> + use<> {
         let (stride, of_cells) = (self.stride, self.of_cells());
-        let (first, count) = match line < of_cells {
-            true => (self.first(line), self.nodes),
-            false => (self.cells + (line - of_cells), 1),
+        let (first, count) = if line < of_cells {
+            (self.first(line), self.nodes)
+        } else {
+            (self.cells + (line - of_cells), 1)
         };
         (0..count).map(move |node| first + node * stride)
     }

@@ -1,7 +1,7 @@
 //! Ends a job whose ranks wait for ever within a library: for each other, or for one that failed.
 
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::parallel::communicator::watch::{PAUSE, STACK, USUAL_CHECKS, checks};
 use crate::parallel::group::Group;
 use mpi::topology::SimpleCommunicator;
@@ -22,7 +22,7 @@ fn deadline(error: &Error) -> Option<Sender<()>> {
                 return;
             }
         }
-        report(&message);
+        eprint_wrapped(&message);
         SimpleCommunicator::world().abort(1);
     };
     let thread = Builder::new().name("deadline".to_owned()).stack_size(STACK);

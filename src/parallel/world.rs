@@ -40,7 +40,7 @@ impl World {
             if mpi::environment::is_initialized() && !mpi::environment::is_finalized() {
                 let world = SimpleCommunicator::world();
                 let line = format!("phasewarp: rank {} stopped; ending the job", world.rank());
-                crate::base::log::report(&line);
+                crate::base::log::eprint_wrapped(&line);
                 world.abort(1);
             }
         }));

@@ -179,15 +179,12 @@ impl fmt::Display for Advice {
                 },
                 joined(space, ","),
                 bytes_text(self.largest_points_memory),
-                match self.memory_given {
-                    true => "",
-                    false => " (free on this machine)",
-                },
-                match self.takes_points {
-                    true => "",
-                    false =>
-                        " The profile of this case fixes N_p: to choose it, give another \
-                        solver.warp.profile and solver.warp.points.",
+                if self.memory_given { "" } else { " (free on this machine)" },
+                if self.takes_points {
+                    ""
+                } else {
+                    " The profile of this case fixes N_p: to choose it, give another \
+                solver.warp.profile and solver.warp.points."
                 },
             )?;
         }

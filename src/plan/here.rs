@@ -1,7 +1,7 @@
 //! Limits of this machine: memory per rank, and cases that cannot fit.
 
 use crate::base::error::Result;
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::memory;
 use crate::base::row_major::volume;
 use crate::parallel::communicator::{Group, World};
@@ -72,15 +72,16 @@ pub fn announce_slow_steps(world: &World, case: &Case) {
     }
     if let Some(points) = case.warp.points.filter(|&points| points > MANY) {
         let each = "the work of each mode is planned, which may take half a minute";
-        report(&format!("solver.warp.points = {points}: {each}"));
+        eprint_wrapped(&format!("solver.warp.points = {points}: {each}"));
     }
     let (space, all) = (case.space.space_cells() as f64, case.space.cells() as f64);
-    let seconds = match fits {
-        true => seconds_before_solving(case) + SECONDS_PER_PHASE_CELL * all,
-        false => seconds_to_evaluate(case),
+    let seconds = if fits {
+        seconds_before_solving(case) + SECONDS_PER_PHASE_CELL * all
+    } else {
+        seconds_to_evaluate(case)
     };
     if seconds > LONG {
-        report(&format!(
+        eprint_wrapped(&format!(
             "{all:.3e} cells, {space:.3e} of space: evaluating V and planning take about \
              {seconds:.0} s"
         ));

@@ -267,7 +267,7 @@ fn fewer_points(work: PlannedWork<'_>, given: bool, resources: &Resources) -> St
         Some((points, _)) => format!("at most {points} fit"),
         None => "no number of them fits".to_owned(),
     };
-    let fewer = match (&work.case.start, given) {
+    let fewer = match (&work.case.warped_start, given) {
         (Some(_), _) => format!("a file of initial.warped with fewer points ({most})"),
         (None, true) => {
             format!("dropping the modes (--mode streamed), fewer solver.warp.points ({most})")

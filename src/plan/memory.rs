@@ -245,9 +245,10 @@ impl<'a> FullestRank<'a> {
         let n = space.dimension() as u64;
         let nodes: u64 = space.x.iter().map(|a| a.nodes.count() as u64).product();
         let around = nodes * (bounds.kinds as u64 * (1 + 2 * n) + 3u64.pow(n as u32));
-        let distinct = match bounds.weighted {
-            true => rows,
-            false => rows.min(space.velocity_cells() as u64 * around + 2 * self.auxiliary),
+        let distinct = if bounds.weighted {
+            rows
+        } else {
+            rows.min(space.velocity_cells() as u64 * around + 2 * self.auxiliary)
         };
         4 * rows + (20 * self.entries() + 8 * rows) / rows * distinct
     }
@@ -309,7 +310,7 @@ impl<'a> FullestRank<'a> {
             buffers = buffer_bytes(warp.modes as u64, points as u64, self.cells, most, groups);
             list.push(NamedBytes::new("kept modes", rank_modes_bytes(self.rows(), most)));
             list.push(NamedBytes::new("buffers of the transpose", buffers));
-            if case.start.is_some() {
+            if case.warped_start.is_some() {
                 list.push(NamedBytes::new("start between its points", line_bytes(points as u64)));
             }
         }
@@ -335,7 +336,7 @@ impl<'a> FullestRank<'a> {
         let mut list = Vec::new();
         // The state of a batch at its start or between two legs.
         let between = size_of::<Lanes>() as u64 * self.rows();
-        if self.case.start.is_some() && warp.legs.len() == 1 {
+        if self.case.warped_start.is_some() && warp.legs.len() == 1 {
             list.push(NamedBytes::new("start of a batch", between));
         }
         if warp.legs.len() > 1 {
@@ -358,7 +359,7 @@ impl<'a> FullestRank<'a> {
 
     /// The fields at time zero, of `cells` cells each, if they are kept to be written.
     fn at_start(&self, cells: u64) -> Option<NamedBytes> {
-        self.case.at_start.filter(|start| start.fields)?;
+        self.case.output_at_start.filter(|start| start.fields)?;
         Some(NamedBytes::new("fields at time 0", 8 * self.fields() * cells))
     }
 
@@ -522,9 +523,10 @@ fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
         .sum();
     // With elements and a force, all nodes of the elements at one end of a velocity axis have
     // inflow.
-    match bounds.has_forces() && case.is_galerkin() {
-        true => ends + space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>(),
-        false => ends,
+    if bounds.has_forces() && case.is_galerkin() {
+        ends + space.v.iter().map(|v| cells / v.elements() as u64).sum::<u64>()
+    } else {
+        ends
     }
 }
 
@@ -552,9 +554,10 @@ fn entries_of_a_row(case: &Case, bounds: &Bounds) -> u64 {
         };
         // The energies of an element overlap up to three elements across the jump, which couples
         // the first and the last node of an element of space.
-        let jump = match case.is_galerkin() {
-            false => 0,
-            true => (2 * 3 * v.nodes.count()).div_ceil(x.nodes.count().max(2)),
+        let jump = if !case.is_galerkin() {
+            0
+        } else {
+            (2 * 3 * v.nodes.count()).div_ceil(x.nodes.count().max(2))
         };
         transport
             + usize::from(bounds.forces[a]) * force

@@ -20,9 +20,11 @@ pub(crate) mod axes;
 pub(crate) mod conflict;
 pub(crate) mod constants;
 pub(crate) mod data;
+mod degrees;
 pub(crate) mod file;
 pub(crate) mod keys;
 pub(crate) mod output;
+mod overridden;
 pub(crate) mod reader;
 pub(crate) mod readout;
 pub(crate) mod settings;
@@ -31,12 +33,13 @@ mod validate;
 pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
+pub use crate::problem::case::axes::DEGREE_KEY;
 pub use crate::problem::case::data::{
     Data, Exact, ExactTimes, GridErrorPair, Inflow, LiouvilleField, MOST_FIELDS, Region,
     ResultOrigin, StartField, TIME, TableFile, TableOf, WarpedStart,
 };
 pub use crate::problem::case::keys::ValueKind;
-pub use crate::problem::case::output::{DeltaWidth, OutputTime, Plateau, Storage};
+pub use crate::problem::case::output::{DeltaWidth, IdleInterval, OutputTime, Plateau, Storage};
 pub use crate::problem::case::readout::{MeasurementEffort, ReadoutSettings};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
@@ -127,14 +130,14 @@ pub struct Case {
     /// `ψ_a`.
     pub fields: Vec<LiouvilleField>,
     /// `initial.warped`. With it `f(0)` is unknown, and its formula is not used.
-    pub start: Option<WarpedStart>,
-    /// `initial.field`: `f` at [`begin`](Self::begin), in place of `initial.f` at time 0.
+    pub warped_start: Option<WarpedStart>,
+    /// `initial.field`: `f` at [`start_time`](Self::start_time), in place of `initial.f` at time 0.
     pub start_field: Option<StartField>,
     /// The files that give `f0`, `V` or the inflow in place of formulas.
     pub tables: Vec<TableFile>,
     /// `time.start`: 0 unless a file gives `f` at that time. Times in formulas and output times
     /// count from 0.
-    pub begin: f64,
+    pub start_time: f64,
     /// `time.end`: final time `T`.
     pub end: f64,
     /// `scheme.interface`: the law of transmission and reflection at a jump of `V`.
@@ -192,9 +195,11 @@ pub struct Case {
     /// `output.plateau`: the points in `p` at which the first field is read for comparison.
     pub plateau: Option<Plateau>,
     /// The output at time zero, from `output.moment_times`, `field_times` and `fields_every`.
-    pub at_start: Option<OutputTime>,
+    pub output_at_start: Option<OutputTime>,
     /// All other output times before the end, ascending.
     pub times: Vec<OutputTime>,
+    /// `output.moments_every` and `output.fields_every`, where they are longer than the run.
+    pub idle_intervals: Vec<IdleInterval>,
     /// `output.warped_field`: whether all modes are kept and `w(t, x, v, p)` is written.
     pub warped_field: bool,
     /// `output.expand`: whether results are written on the whole grid, reduced axes included.
@@ -248,17 +253,16 @@ impl Case {
         let potential = data::potential(file, &tables.potential.0, n)?;
         let reflects = potential.iter().any(|region| region.reflection.is_some());
         let (data, fields) = tables.initial.check(file, n, &tables.inflow)?;
-        let Range { start: begin, end } = tables.time.check(file)?;
-        let duration = end - begin;
+        let Range { start: start_time, end } = tables.time.check(file)?;
+        let duration = end - start_time;
         let solver = tables.solver;
         let flux = tables.scheme.flux(file, degree)?;
         let output = tables.output;
-        let start = tables.initial.start(file)?;
+        let warped_start = tables.initial.warped_start(file)?;
         let start_field = tables.initial.field(file, &data)?;
         let regions = &tables.potential.0;
         let files = data::tables(file, regions, &tables.initial, &tables.inflow, n)?;
-        let times = output.times(file, begin..end, start.is_none())?;
-        let readout = tables.readout.map(|table| table.check(file, &space));
+        let times = output.times(file, start_time..end, warped_start.is_none())?;
         Ok(Self {
             name: file.name.to_owned(),
             title: if tables.title.is_empty() { file.last_name() } else { tables.title },
@@ -269,10 +273,10 @@ impl Case {
             exact_times: tables.exact.times(file)?,
             data,
             fields,
-            start,
+            warped_start,
             start_field,
             tables: files,
-            begin,
+            start_time,
             end,
             interface: tables.scheme.law(degree > 0 || reflects || flux < 1.0),
             names_interface: tables.scheme.interface.is_some(),
@@ -296,15 +300,16 @@ impl Case {
             reductions: Reductions::default(),
             recovery_points: output.recovery_points(file)?,
             plateau: output.plateau(file)?,
-            at_start: times.start,
+            output_at_start: times.start,
             times: times.between,
+            idle_intervals: times.idle,
             warped_field: output.warped_field,
             expand: output.expand,
             positive: output.positive,
             delta_width: output.delta_width,
             storage: output.storage(file, &space)?,
             checkpoint_every: tables.checkpoint.check(file)?,
-            readout: readout.transpose()?,
+            readout: tables.readout.map(|table| table.check(file, &space)).transpose()?,
             text: file.text.to_owned(),
             overrides: file.overrides.to_vec(),
             settings: file.settings(),
@@ -356,7 +361,7 @@ impl Case {
         let PhaseSpace { x, v, .. } = self.space.whole();
         let axes = (x.iter().zip(0..)).chain(v.iter().zip(3..));
         let ends = axes.map(|(axis, position)| (position, [axis.lower, axis.upper]));
-        ends.chain([(TIME, [self.begin, self.end])]).collect()
+        ends.chain([(TIME, [self.start_time, self.end])]).collect()
     }
 
     /// The expression that holds the values of a table.
@@ -453,7 +458,7 @@ impl Case {
 
     /// The times before the end at which results are written.
     pub fn shown_times(&self) -> impl Iterator<Item = &OutputTime> + Clone {
-        self.at_start.iter().chain(&self.times)
+        self.output_at_start.iter().chain(&self.times)
     }
 
     /// Whether moments of the exact solution are computed at the output times before the end.
@@ -472,13 +477,13 @@ impl Case {
 
     /// Simulated time of the run: `time.end − time.start`.
     pub fn duration(&self) -> f64 {
-        self.end - self.begin
+        self.end - self.start_time
     }
 
     /// Simulated time of each leg of the run, from one output time to the next and to the end.
     pub fn legs(&self) -> Vec<f64> {
         let ends = (self.times.iter().map(|t| t.time)).chain([self.end]);
-        let mut now = self.begin;
+        let mut now = self.start_time;
         ends.map(|end| end - std::mem::replace(&mut now, end)).collect()
     }
 

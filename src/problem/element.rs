@@ -154,9 +154,12 @@ fn differentiation(nodes: &[f64], barycentric: &[f64]) -> Vec<Vec<f64>> {
     (0..count)
         .map(|m| {
             let mut row: Vec<f64> = (0..count)
-                .map(|n| match m == n {
-                    true => 0.0,
-                    false => barycentric[n] / barycentric[m] / (nodes[m] - nodes[n]),
+                .map(|n| {
+                    if m == n {
+                        0.0
+                    } else {
+                        barycentric[n] / barycentric[m] / (nodes[m] - nodes[n])
+                    }
                 })
                 .collect();
             row[m] = -row.iter().sum::<f64>();

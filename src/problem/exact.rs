@@ -284,9 +284,10 @@ impl<'a> Tracer<'a> {
         let faces = |axis: &Axis| (0..=axis.cells as i64).map(|i| axis.face(i)).collect();
         let faces: Vec<Vec<f64>> = space.x.iter().map(faces).collect();
         let paths = moves_by_axes(&potential).then(AxisPaths::default);
-        let lines = match paths.is_some() || space.dimension() == 1 {
-            true => AxisLine::all(&potential, -1.0),
-            false => Vec::new(),
+        let lines = if paths.is_some() || space.dimension() == 1 {
+            AxisLine::all(&potential, -1.0)
+        } else {
+            Vec::new()
         };
         let cells_per_length = space.x.iter().map(|axis| 1.0 / axis.width()).collect();
         Ok(Self {
@@ -416,10 +417,10 @@ impl<'a> Tracer<'a> {
 
     /// `∂V/∂x_a` for `a = axis` in the cell that holds `point`, which is in the box.
     pub fn slope_at(&self, point: &[f64; 6], axis: usize) -> f64 {
-        let cells: [usize; MAX_DIMENSION] = std::array::from_fn(|a| match a < self.faces.len() {
-            true => self.cell_at(a, point[a]),
-            false => 0,
-        });
+        let cells: [usize; MAX_DIMENSION] =
+            std::array::from_fn(
+                |a| if a < self.faces.len() { self.cell_at(a, point[a]) } else { 0 },
+            );
         self.potential.slope_at(&cells, axis, point[axis])
     }
 

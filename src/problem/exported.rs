@@ -1,9 +1,10 @@
-//! `description.json` of an export or of pictures says which case the files in a directory belong
-//! to. Files of another case are not replaced unless the user asks for it.
+//! `description.json` of an export or of pictures, and the JSON file of a study, say which case the
+//! files in a directory belong to. Files of another case are not replaced unless the user asks for
+//! it.
 
 use crate::base::disk;
 use crate::base::error::Result;
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::{Settings, differing_setting};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -23,12 +24,34 @@ pub enum ExportKind {
     Circuit,
     /// Pictures and movies of a run.
     Pictures,
+    /// Accuracy against cost, method by method.
+    Chart,
+    /// Limits beyond which methods fail.
+    Stability,
 }
 
 impl ExportKind {
     /// The name of the kind in messages and directories.
     pub fn word(self) -> String {
-        word(&self)
+        choice_text(&self)
+    }
+
+    /// The name of the file that says to which case the files belong.
+    fn description(self) -> &'static str {
+        match self {
+            Self::Matrix | Self::Quantum | Self::Circuit | Self::Pictures => DESCRIPTION,
+            Self::Chart => "chart.json",
+            Self::Stability => "stability.json",
+        }
+    }
+
+    /// What the files are, in messages.
+    fn noun(self) -> &'static str {
+        match self {
+            Self::Matrix | Self::Quantum | Self::Circuit | Self::Pictures => "export",
+            Self::Chart => "chart",
+            Self::Stability => "stability study",
+        }
     }
 }
 
@@ -54,29 +77,31 @@ impl ExportOwner {
     /// [`crate::base::error::Error::Directory`].
     pub fn refuse_to_replace(&self, directory: &Path, names: &[String]) -> Result<()> {
         let there = |name: &str| disk::is_taken(&directory.join(name));
-        let what = if there(DESCRIPTION) {
-            match Self::read(directory) {
-                None => format!("a {DESCRIPTION} that no export wrote"),
+        let (description, noun) = (self.export.description(), self.export.noun());
+        let what = if there(description) {
+            match self.read(directory) {
+                None => format!("a {description} that no {noun} wrote"),
                 Some(owner) if owner.export != self.export => {
                     format!("an export of another kind, \"{}\"", owner.export.word())
                 }
                 Some(owner) => match differing_setting(&owner.settings, &self.settings) {
                     None => return Ok(()),
-                    Some(what) => format!("the export of another case: {what}"),
+                    Some(what) => format!("the {noun} of another case: {what}"),
                 },
             }
         } else {
             match names.iter().find(|name| there(name)) {
                 None => return Ok(()),
-                Some(name) => format!("{name} without a {DESCRIPTION} beside it"),
+                Some(name) => format!("{name} without a {description} beside it"),
             }
         };
         Err(disk::not_replaced(directory, &what))
     }
 
     /// The owner that the description in `directory` names.
-    fn read(directory: &Path) -> Option<Self> {
-        serde_json::from_str(&disk::read_text(&directory.join(DESCRIPTION)).ok()?).ok()
+    fn read(&self, directory: &Path) -> Option<Self> {
+        let path = directory.join(self.export.description());
+        serde_json::from_str(&disk::read_text(&path).ok()?).ok()
     }
 }
 

@@ -266,6 +266,12 @@ mod tests {
             ("min(x)", "expected \",\""),
             ("import os", "unknown name"),
             ("0 < x < 1", "a second comparison"),
+            ("exp(-x^2/0)", "division by zero at character 9"),
+            ("2*x/(1 - 1)*x", "division by zero at character 4"),
+            ("1/-0", "division by zero at character 2"),
+            ("1 if x > 0 else 1/0", "division by zero at character 18"),
+            ("1/0 if 1 else x", "division by zero at character 2"),
+            ("1 if 0 else x/0", "division by zero at character 14"),
         ];
         for (text, expected) in table {
             let message = Expression::parse(text, &[&["x"]], &Constants::new()).expect_err(text);
@@ -274,6 +280,22 @@ mod tests {
         for deep in ["(".repeat(4000) + "x" + &")".repeat(4000), "-".repeat(9000) + "x"] {
             let message = Expression::parse(&deep, &[&["x"]], &Constants::new());
             assert!(message.expect_err("deep").contains("nested deeper"));
+        }
+    }
+
+    /// A constant condition guards a division by a constant that may be 0.
+    #[test]
+    fn divisions_that_are_never_carried_out_are_accepted() {
+        let constants = Constants::from([("w".to_owned(), 0.0)]);
+        for text in [
+            "x/w if w > 0 else 5",
+            "5 if w == 0 else x/w",
+            "7 if x < 0 else x/w if w > 0 else 5",
+            "5 if w == 0 else x/w if x > 0 else 1/w",
+            "5 + (x/w if w != 0 else 0)",
+        ] {
+            let formula = Expression::parse(text, &[&["x"]], &constants).expect(text);
+            assert_eq!(formula.eval(&[2.0]), 5.0, "{text}");
         }
     }
 

@@ -175,6 +175,12 @@ impl PhaseSpace {
         self.axes().map(|a| a.nodes.degree).max().unwrap_or(0)
     }
 
+    /// Lowest degree of an axis of more than one cell.
+    pub fn lowest_degree(&self) -> usize {
+        let axes = self.axes().filter(|axis| axis.cells > 1);
+        axes.map(|axis| axis.nodes.degree).min().unwrap_or(0)
+    }
+
     /// Largest degree of an axis of the [`whole`](Self::whole) grid. It is larger than that of this
     /// grid if all axes of degrees above 0 were merged.
     pub fn whole_degree(&self) -> usize {

@@ -44,6 +44,15 @@ pub struct Table {
     interpolation: Interpolation,
 }
 
+/// A table that ends before an axis of the case does.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ShortTable {
+    /// Whether the lower and the upper end of the case's axis are too far beyond the table.
+    pub beyond: [bool; 2],
+    /// A sentence with the ends of both.
+    pub what: String,
+}
+
 impl Table {
     /// `values` at the points of `axes`, linear between them.
     ///
@@ -196,21 +205,22 @@ impl Table {
         Some([points[0] - on * below, points[last] + on * above])
     }
 
-    /// A sentence, if `[lower, upper]` of coordinate `position` goes beyond the table by more than
-    /// one step of it.
-    pub fn beyond(&self, position: usize, [lower, upper]: [f64; 2]) -> Option<String> {
+    /// What is wrong if `[lower, upper]` of coordinate `position` goes beyond the table by more
+    /// than one step of it.
+    pub fn beyond(&self, position: usize, [lower, upper]: [f64; 2]) -> Option<ShortTable> {
         let axis = self.axes.iter().find(|axis| axis.position == position)?;
         let [first, second] = [axis.points[0], axis.points[1]];
         let [before, last] =
             [axis.points[axis.points.len() - 2], axis.points[axis.points.len() - 1]];
-        let too_far = lower < first - (second - first) || upper > last + (last - before);
-        too_far.then(|| {
+        let beyond = [lower < first - (second - first), upper > last + (last - before)];
+        let what = || {
             format!(
                 "its axis {} goes from {first} to {last}, the case's from {lower} to {upper}, \
                  which may be at most one step of the table beyond its ends",
                 axis.name
             )
-        })
+        };
+        beyond.contains(&true).then(|| ShortTable { beyond, what: what() })
     }
 
     /// The numbers of points along the axes: `64 x 32`.
@@ -343,7 +353,7 @@ mod tests {
         let table = Table::new(vec![axis("v", 3, &[0.0, 0.5, 1.0, 3.0])], vec![0.0; 4]).unwrap();
         assert_eq!(table.beyond(3, [-0.5, 5.0]), None);
         assert_eq!(table.beyond(0, [-99.0, 99.0]), None);
-        assert!(table.beyond(3, [-0.6, 3.0]).unwrap().contains("axis v goes from 0 to 3"));
+        assert!(table.beyond(3, [-0.6, 3.0]).unwrap().what.contains("axis v goes from 0 to 3"));
         assert!(table.beyond(3, [0.0, 5.1]).is_some());
         assert_eq!((table.ends(3), table.ends(0)), (Some([0.0, 3.0]), None));
         let table = table.with_interpolation(Interpolation::Constant);

@@ -142,7 +142,7 @@ impl<'a> Classical<'a> {
 
     /// The integrator of a case, with its inflow if that depends on time; `pi` are the weights.
     pub fn of(case: &'a Case, matrix: &'a BlockMatrix, pi: &[f64]) -> Self {
-        let this = Self { begin: case.begin, ..Self::new(matrix) };
+        let this = Self { begin: case.start_time, ..Self::new(matrix) };
         if case.varies() { this.with_source(&case.fields[0], pi) } else { this }
     }
 

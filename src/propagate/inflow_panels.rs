@@ -48,9 +48,12 @@ impl TimePanel {
     /// Its parts, in order.
     fn each(self) -> impl Iterator<Item = [f64; 2]> {
         let length = self.end - self.begin;
-        let face = move |k: usize| match k == self.parts {
-            true => self.end,
-            false => self.begin + length * k as f64 / self.parts as f64,
+        let face = move |k: usize| {
+            if k == self.parts {
+                self.end
+            } else {
+                self.begin + length * k as f64 / self.parts as f64
+            }
         };
         (0..self.parts).map(move |k| [face(k), face(k + 1)])
     }
@@ -170,7 +173,7 @@ impl<'a> SampledInflow<'a> {
 
     /// The values at a time after the begin of the run, point by point.
     fn at(&self, time: f64) -> Vec<f64> {
-        self.case.fields[0].entering().at_points(&self.points, self.case.begin + time)
+        self.case.fields[0].entering().at_points(&self.points, self.case.start_time + time)
     }
 
     /// Whether at every point the last two coefficients of the Legendre series on a panel have
@@ -242,7 +245,7 @@ fn candidates(case: &Case, end: AxisEnd, most: usize) -> Vec<SampledPoint> {
         // No period fits the distances of these times; of `k` times the golden ratio, 64 times a
         // Fibonacci number almost would.
         let part = ((k * k) as f64 * GOLDEN).fract();
-        let time = case.begin + case.duration() * (k as f64 + part) / TIMES as f64;
+        let time = case.start_time + case.duration() * (k as f64 + part) / TIMES as f64;
         let values = formula.at_points(&points, time);
         if k == 0 {
             let start = |(&point, &value)| SampledPoint {

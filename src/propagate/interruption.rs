@@ -51,9 +51,10 @@ impl Interruption {
     /// [`after`](Self::after): up to the next check of all ranks, since each rank may block its
     /// steps differently.
     pub fn applications_until_check(&self, most: usize) -> usize {
-        match self.stop.is_some() && self.allowed && self.votes.is_some() {
-            true => most.min(self.every - self.since),
-            false => most,
+        if self.stop.is_some() && self.allowed && self.votes.is_some() {
+            most.min(self.every - self.since)
+        } else {
+            most
         }
     }
 

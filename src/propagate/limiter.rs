@@ -189,18 +189,18 @@ impl LimitedTransport {
         let block = &matrix.block;
         let nv = block.velocity_cells;
         let local = |global: usize| local_number(matrix, global);
-        let mut this = Self {
-            // A periodic axis of one cell has no slope and needs no correction.
-            speed: (0..nv)
-                .map(|v| match space.is_single(axis) {
-                    true => 0.0,
-                    false => scheme.speed(&space.cell(v), axis),
-                })
-                .collect(),
-            beyond: Vec::with_capacity(block.space_cells()),
-            faces: Vec::new(),
-            shares: Vec::new(),
-        };
+        let mut this =
+            Self {
+                // A periodic axis of one cell has no slope and needs no correction.
+                speed: (0..nv)
+                    .map(|v| {
+                        if space.is_single(axis) { 0.0 } else { scheme.speed(&space.cell(v), axis) }
+                    })
+                    .collect(),
+                beyond: Vec::with_capacity(block.space_cells()),
+                faces: Vec::new(),
+                shares: Vec::new(),
+            };
         block.for_each_own(|first, _| {
             let cell = space.cell(first);
             let mut beyond = [SideNeighbour::Faces(0); 2];

@@ -108,7 +108,7 @@ pub fn stage_values(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64>
     let mut values = Vec::with_capacity(2 * steps * matrix.inflow.len());
     for step in 0..steps {
         let at = |c: f64| -> Vec<f64> {
-            (matrix.entering.values(field, case.begin + (step as f64 + c) * h)).collect()
+            (matrix.entering.values(field, case.start_time + (step as f64 + c) * h)).collect()
         };
         let [first, second] = nodes().map(at);
         for [u, w] in halves() {
@@ -125,7 +125,7 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
     let h = case.duration() / steps as f64;
     let square = |point: &[f64; 6]| {
         let stages = (0..steps).flat_map(|step| {
-            let at = |c: f64| formula.at_point(point, case.begin + (step as f64 + c) * h);
+            let at = |c: f64| formula.at_point(point, case.start_time + (step as f64 + c) * h);
             let [b1, b2] = nodes().map(at);
             halves().map(|[u, w]| u * b1 + w * b2)
         });
@@ -136,7 +136,7 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
 
 /// The time of sample `k` of the inflow, from 0 to [`SAMPLES`].
 fn sample_time(case: &Case, k: usize) -> f64 {
-    case.begin + case.duration() * k as f64 / SAMPLES as f64
+    case.start_time + case.duration() * k as f64 / SAMPLES as f64
 }
 
 /// Samples the inflow over the whole run; returns the largest `|b_i|` on this rank.
@@ -169,7 +169,7 @@ fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
     let change = |a: &[f64], b: &[f64]| {
         a.iter().zip(b).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
     };
-    let (mut largest, mut place, mut last) = (0.0, 0, at(case.begin));
+    let (mut largest, mut place, mut last) = (0.0, 0, at(case.start_time));
     for k in 1..=SAMPLES {
         let next = at(sample_time(case, k));
         let found = change(&last, &next);
@@ -185,9 +185,10 @@ fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
         let between = at(middle);
-        match change(&at(low), &between) > change(&between, &at(high)) {
-            true => high = middle,
-            false => low = middle,
+        if change(&at(low), &between) > change(&between, &at(high)) {
+            high = middle
+        } else {
+            low = middle
         }
     }
     change(&at(low), &at(high)) > 0.5 * largest
@@ -291,10 +292,8 @@ impl StepSearch<'_> {
     fn norm(&self, f: impl Fn(usize) -> f64) -> f64 {
         let matrix = self.matrix;
         // For degrees above 0 the weights are volumes, which belong to the norm.
-        let unweighted = |i: usize| match matrix.by_elements {
-            true => f(i),
-            false => f(i) / self.start.weights[i].sqrt(),
-        };
+        let unweighted =
+            |i: usize| if matrix.by_elements { f(i) } else { f(i) / self.start.weights[i].sqrt() };
         let square = |rows: Range<usize>| [rows.map(|i| unweighted(i) * unweighted(i)).sum()];
         let points = matrix.pieces().take(matrix.block.space_cells());
         let count = self.case.space.space_cells();

@@ -191,21 +191,21 @@ impl<'a> SparseAccess<'a> {
         let cells = self.space.cells();
         if i >= cells {
             // An auxiliary unknown: its own row, or all that share it; A has no row for it.
-            let own = match self.inflow.shared {
-                true => &self.inflow.rows[..],
-                false => std::slice::from_ref(&self.inflow.rows[i - cells]),
+            let own = if self.inflow.shared {
+                &self.inflow.rows[..]
+            } else {
+                std::slice::from_ref(&self.inflow.rows[i - cells])
             };
             entries.extend(own.iter().map(|&(row, kappa)| (row, 0.5 * kappa, -0.5 * kappa)));
             return;
         }
         self.scheme.row(row, i);
         for &(j, a) in &row.entries {
-            match i == j {
-                true => entries.push((i, a, 0.0)),
-                false => {
-                    let half = 0.5 * a * self.ratio(i, j);
-                    entries.push((j, half, half));
-                }
+            if i == j {
+                entries.push((i, a, 0.0))
+            } else {
+                let half = 0.5 * a * self.ratio(i, j);
+                entries.push((j, half, half));
             }
         }
         self.drawing_on(candidates, i);

@@ -100,9 +100,10 @@ impl Cost {
 
     /// The sequence with fewer gates.
     pub fn cheaper(&self) -> &SequenceCost {
-        match self.half_calls.least() < self.evolution.least() {
-            true => &self.half_calls,
-            false => &self.evolution,
+        if self.half_calls.least() < self.evolution.least() {
+            &self.half_calls
+        } else {
+            &self.evolution
         }
     }
 
@@ -139,10 +140,8 @@ impl ModeWeightsCost {
         };
         let sum = least(&|access| matches!(access, Access::Circuit(_)))?;
         let rotations = least(&|access| matches!(access, Access::Rotated(_)))?;
-        let cheaper = match rotations.value() < sum.value() {
-            true => ModeWeights::Rotations,
-            false => ModeWeights::Sum,
-        };
+        let cheaper =
+            if rotations.value() < sum.value() { ModeWeights::Rotations } else { ModeWeights::Sum };
         Some(Self { sum: sum.clone(), rotations: rotations.clone(), cheaper })
     }
 }
@@ -197,9 +196,10 @@ impl CircuitAccess<'_> {
     /// The modes that it acts on; a single mode if the matrix is `skew`.
     fn modes(&self, requirements: &EvolutionRequirements, skew: bool) -> CircuitModes {
         let EvolutionRequirements { points, period, highest, .. } = *requirements;
-        match skew {
-            true => CircuitModes::One(0.0),
-            false => self.weights.of_register(points, period, highest),
+        if skew {
+            CircuitModes::One(0.0)
+        } else {
+            self.weights.of_register(points, period, highest)
         }
     }
 }

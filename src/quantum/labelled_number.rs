@@ -158,9 +158,12 @@ impl LabelledNumber {
     /// written in full, and `-` where there is no number.
     pub fn marked_to(&self, digits: usize) -> String {
         let decimals = digits.saturating_sub(1);
-        let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e5 {
-            true => format!("{x}"),
-            false => format!("{x:.decimals$e}"),
+        let number = |x: f64| {
+            if x.fract() == 0.0 && x.abs() < 1e5 {
+                format!("{x}")
+            } else {
+                format!("{x:.decimals$e}")
+            }
         };
         let Some(value) = self.value() else { return "-".to_owned() };
         format!("{} {}", number(value), self.label.label().mark)
@@ -179,10 +182,8 @@ impl LabelledNumber {
 
 impl fmt::Display for LabelledNumber {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let number = |x: f64| match x.fract() == 0.0 && x.abs() < 1e7 {
-            true => format!("{x}"),
-            false => short(x),
-        };
+        let number =
+            |x: f64| if x.fract() == 0.0 && x.abs() < 1e7 { format!("{x}") } else { short(x) };
         let word = match self.label {
             Trust::Emitted => "exact (emitted gates)",
             Trust::UpperBound => "upper bound",

@@ -142,9 +142,10 @@ impl ProfileFamily {
 
     /// The whole grid of the family.
     fn coarse<'a>(&self, system: &'a System<'a>) -> PricedGrid<'a> {
-        let beyond_edge: Vec<_> = match self.free_point {
-            true => (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect(),
-            false => vec![None],
+        let beyond_edge: Vec<_> = if self.free_point {
+            (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect()
+        } else {
+            vec![None]
         };
         PricedGrid::new(system, self.candidates(&self.values, &beyond_edge))
     }
@@ -161,11 +162,10 @@ impl ProfileFamily {
         for zoom in 1..=ZOOMS {
             let width = f64::from(STEPS).powi(-zoom);
             let ProfileCandidate { value, beyond_edge, .. } = found.candidate;
-            let values: Vec<f64> = match self.continuous {
-                true => {
-                    offsets().map(|i| (value * ratio.powf(i * width)).clamp(least, most)).collect()
-                }
-                false => vec![value],
+            let values: Vec<f64> = if self.continuous {
+                offsets().map(|i| (value * ratio.powf(i * width)).clamp(least, most)).collect()
+            } else {
+                vec![value]
             };
             let beyond_edge: Vec<_> = match beyond_edge {
                 Some(point) => offsets()
@@ -222,9 +222,10 @@ impl ProfileFamily {
             let (mut inside, mut beyond) = (start.value, (start.value * step).clamp(least, most));
             for _ in 0..HALVINGS {
                 let next = at((inside * beyond).sqrt());
-                match kind(&next) == own {
-                    true => inside = next.candidate.value,
-                    false => beyond = next.candidate.value,
+                if kind(&next) == own {
+                    inside = next.candidate.value
+                } else {
+                    beyond = next.candidate.value
                 }
                 found = found.cheaper(next);
             }

@@ -32,7 +32,7 @@ impl Obstacle {
             Self::ClassicalMethod => case.method == Method::Classical,
             Self::MeasureValued => case.is_measure_valued(),
             Self::InflowInTime => case.varies(),
-            Self::WarpedStart => case.start.is_some(),
+            Self::WarpedStart => case.warped_start.is_some(),
         }
     }
 }
@@ -49,7 +49,7 @@ impl CasePurpose {
     /// [`Error::Input`] with the key and what would do.
     pub fn refuse(self, case: &Case) -> Result<()> {
         let Some(obstacle) = self.obstacle(case) else { return Ok(()) };
-        let place = match (self, obstacle, &case.start) {
+        let place = match (self, obstacle, &case.warped_start) {
             (Self::Counts, Obstacle::WarpedStart, Some(start)) => &start.place,
             _ => &case.name,
         };

@@ -337,11 +337,15 @@ mod tests {
         state.map(|at| {
             let [re, im] = at.value.map(f64::from_bits);
             let (row, column) = (at.row.0, at.column.0);
-            let root = match im == 0.0 && re < 0.0 {
-                true if row < column => Complex64::new(0.0, -re.abs().sqrt()),
-                true if row > column => Complex64::new(0.0, re.abs().sqrt()),
-                true => Complex64::from(re.abs().sqrt()),
-                false => Complex64::new(re, -im).sqrt(),
+            let is_negative = im == 0.0 && re < 0.0;
+            let root = if is_negative && row < column {
+                Complex64::new(0.0, -re.abs().sqrt())
+            } else if is_negative && row > column {
+                Complex64::new(0.0, re.abs().sqrt())
+            } else if is_negative {
+                Complex64::from(re.abs().sqrt())
+            } else {
+                Complex64::new(re, -im).sqrt()
             };
             let rest = (1.0 - re.hypot(im) / largest).max(0.0).sqrt();
             let flagged = DoubledRegisters { column: (column, true), ..at };

@@ -6,7 +6,6 @@ use crate::base::text::{
 pub use crate::problem::case::GridErrorPair;
 use crate::problem::case::{Case, Exact, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
-use crate::problem::grid::PhaseSpace;
 use crate::problem::potential::oblique::oblique_edges;
 use serde::{Deserialize, Serialize};
 
@@ -255,9 +254,10 @@ impl Accuracy {
             // An estimate may be wrong by a factor of ten.
             let about = format!("about {} %", short(one_digit(100.0 * error?)));
             // Older summaries do not have the source.
-            let source = source.unwrap_or(match self.grid_measured {
-                true => ErrorSource::Measured,
-                false => ErrorSource::Estimated,
+            let source = source.unwrap_or(if self.grid_measured {
+                ErrorSource::Measured
+            } else {
+                ErrorSource::Estimated
             });
             let digits = match source {
                 ErrorSource::Measured => percent(error?),
@@ -281,7 +281,7 @@ impl Accuracy {
 
     /// The remedy for a run of `case` whose grid's error is too large.
     pub fn remedy(&self, case: &Case) -> String {
-        let degree = lowest_degree(&case.space);
+        let degree = case.space.lowest_degree();
         let missed = self.goal_error.zip(self.goal).filter(|(error, goal)| error > goal);
         let is_large = missed.is_some() || self.is_coarse();
         let (ratio, wanted) = match missed {
@@ -299,7 +299,7 @@ impl Accuracy {
         };
         let is_classical = case.method == Method::Classical;
         let may_have_slopes = is_classical && case.has_upwind_cells() && !case.varies();
-        let key = degree_keys(case, degree);
+        let key = case.degree_keys(degree);
         let article = if key.starts_with("axis") { "an" } else { "a" };
         let or = match degree {
             0 if case.limiter != Limiter::None => String::new(),
@@ -310,7 +310,7 @@ impl Accuracy {
             // Where data jump, degrees above 3 gain little.
             _ => format!(", or a higher {key} where f does not jump,"),
         };
-        let is_start = case.start.is_none() && case.start_field.is_none();
+        let is_start = case.warped_start.is_none() && case.start_field.is_none();
         let then = if !is_large {
             let enough = rounded_down(self.worst() / DOMINANT);
             format!("; with this grid solver.tolerance = {enough:e} would suffice")
@@ -330,31 +330,4 @@ fn largest_order(case: &Case, degree: usize) -> Option<f64> {
     let is_second = case.limiter != Limiter::None || case.flux == 0.0;
     let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
     (!case.is_measure_valued()).then_some(order)
-}
-
-/// The keys that give the lowest `degree` of the axes of `case`: an axis may have its own.
-fn degree_keys(case: &Case, degree: usize) -> String {
-    let n = case.space.dimension();
-    let key = |k: usize| {
-        let own = match k < n {
-            true => format!("axis.{k}.x.degree"),
-            false => format!("axis.{}.v.degree", k - n),
-        };
-        if case.settings.contains_key(&own) { own } else { "scheme.degree".to_owned() }
-    };
-    let axes = case.space.axes().enumerate();
-    let lowest = axes.filter(|(_, axis)| axis.cells > 1 && axis.nodes.degree == degree);
-    let mut keys: Vec<String> = Vec::new();
-    for key in lowest.map(|(k, _)| key(k)) {
-        if !keys.contains(&key) {
-            keys.push(key);
-        }
-    }
-    keys.join(" and ")
-}
-
-/// The lowest degree of the axes that have more than one cell.
-fn lowest_degree(space: &PhaseSpace) -> usize {
-    let axes = space.axes().filter(|axis| axis.cells > 1);
-    axes.map(|axis| axis.nodes.degree).min().unwrap_or(0)
 }

@@ -75,9 +75,8 @@ fn compare(
     all: &FileChecksums,
     found: impl Fn(&str) -> Result<FileChecksum>,
 ) -> Result<()> {
-    let differs = |(name, expected): (&String, &FileChecksum)| match found(name)? == *expected {
-        true => Ok(()),
-        false => Err(changed(&directory.join(name))),
+    let differs = |(name, expected): (&String, &FileChecksum)| {
+        if found(name)? == *expected { Ok(()) } else { Err(changed(&directory.join(name))) }
     };
     all.iter().try_for_each(differs)
 }
@@ -102,9 +101,10 @@ fn of_all(directory: &Path) -> Result<FileChecksums> {
     let expected = of_summary(directory)?;
     let sound = |name: &String| {
         let path = directory.join(name);
-        match name.contains('/') || !path.is_file() {
-            true => Err(failure(&path, &"is missing")),
-            false => Ok(()),
+        if name.contains('/') || !path.is_file() {
+            Err(failure(&path, &"is missing"))
+        } else {
+            Ok(())
         }
     };
     expected.keys().try_for_each(sound).map(|()| expected)

@@ -158,9 +158,10 @@ fn obstacle(directory: &Path, case: &Case, resume: bool) -> Option<String> {
     let there = |name: &str| disk::is_taken(&directory.join(name));
     let instead = "--force replaces it, -o gives another directory";
     if let Some(name) = no_file(directory, case) {
-        return Some(match directory.join(&name).is_dir() {
-            true => format!("{name} in it is a directory; -o gives another directory"),
-            false => format!("{name} in it is no file; {instead}"),
+        return Some(if directory.join(&name).is_dir() {
+            format!("{name} in it is a directory; -o gives another directory")
+        } else {
+            format!("{name} in it is no file; {instead}")
         });
     }
     if there(RESULT) {

@@ -5,6 +5,7 @@
 //! numbers are `null` in `summary.json`.
 
 use crate::base::text::{counted, percent, rounded, short};
+use crate::problem::case::DEGREE_KEY;
 use serde::{Deserialize, Serialize};
 
 /// Larger parts of the mass give a warning, and jumps of `V` below this part of the mean energy.
@@ -37,6 +38,14 @@ pub struct Ledger {
     pub regions: Vec<NarrowRegion>,
     /// The numbers that could not be found, and why.
     pub omitted: Vec<String>,
+    /// The keys that give the lowest degree of the axes, for remedies.
+    #[serde(default = "degree_key")]
+    pub degree_keys: String,
+}
+
+/// The key of degrees in ledgers of older versions, which do not say it.
+fn degree_key() -> String {
+    DEGREE_KEY.to_owned()
 }
 
 /// Integrals of `f` over phase space, or of `ρ` over space for measure-valued data.
@@ -131,6 +140,9 @@ pub struct NarrowRegion {
     /// Degree of the scheme along this axis.
     #[serde(default)]
     pub degree: usize,
+    /// The key that gives this degree.
+    #[serde(default = "degree_key")]
+    pub degree_key: String,
 }
 
 impl Ledger {
@@ -192,11 +204,12 @@ impl Ledger {
         let missed = self.missed_by_grid().filter(|m| m.abs() > NOTICEABLE)?;
         Some(format!(
             "mass: the grid holds {} at t = 0, the formula {}: {} {}; take more cells where the \
-             data change, or a higher scheme.degree",
+             data change, or a higher {}",
             short(self.mass.initial?),
             short(self.mass.formula?),
             percent(missed.abs()),
-            if missed > 0.0 { "too much" } else { "is missing" }
+            if missed > 0.0 { "too much" } else { "is missing" },
+            self.degree_keys
         ))
     }
 
@@ -261,23 +274,32 @@ impl Ledger {
         let (lost, left) = (self.mass.lost?, self.mass.left_estimate?);
         let unexplained = lost - (left - self.mass.interface_estimate.unwrap_or(0.0));
         let share = self.unbalanced(unexplained, self.mass.left_error)?;
-        self.holds_data().then(|| format!(
-            "mass: {} of it {}, by the particles of the exact flow: the grid does not resolve V or \
-             f, or smears f over an end of the box{}; more cells{} or a higher scheme.degree",
+        if !self.holds_data() {
+            return None;
+        }
+        let gone_or_gained = if share > 0.0 {
+            "is gone that should still be in the box"
+        } else {
+            "is in the box that should have left, or should not have entered"
+        };
+        let is_some = |mass: Option<f64>| mass.is_some_and(|mass| mass != 0.0);
+        let or_pulse = if is_some(self.mass.entered) {
+            ", or the run misses a pulse of the inflow"
+        } else {
+            ""
+        };
+        // The estimate is exactly zero for interface laws that conserve mass.
+        let or_interface = if is_some(self.mass.interface_estimate) {
+            ", scheme.interface = \"conservative\""
+        } else {
+            ""
+        };
+        Some(format!(
+            "mass: {} of it {gone_or_gained}, by the particles of the exact flow: the grid does \
+             not resolve V or f, or smears f over an end of the box{or_pulse}; more \
+             cells{or_interface} or a higher {}",
             percent(share.abs()),
-            match share > 0.0 {
-                true => "is gone that should still be in the box",
-                false => "is in the box that should have left, or should not have entered",
-            },
-            match self.mass.entered.is_some_and(|entered| entered != 0.0) {
-                true => ", or the run misses a pulse of the inflow",
-                false => "",
-            },
-            // The estimate is exactly zero for interface laws that conserve mass.
-            match self.mass.interface_estimate.is_some_and(|added| added != 0.0) {
-                true => ", scheme.interface = \"conservative\"",
-                false => "",
-            }
+            self.degree_keys
         ))
     }
 
@@ -364,11 +386,11 @@ impl Ledger {
         };
         let narrow = |region: &&NarrowRegion| region.degree == 0 && region.cells < CELLS_OF_REGION;
         self.regions.iter().filter(narrow).filter(entered).map(|region| {
-            let NarrowRegion { potential, axis, cells, .. } = region;
+            let NarrowRegion { potential, axis, cells, degree_key, .. } = region;
             format!(
                 "potential.{potential}: {} wide along {axis}: the grid does not resolve f in it, \
                  where slow particles may be several times as many as they should be; take more \
-                 cells ({CELLS_OF_REGION} across it), or scheme.degree = 2",
+                 cells ({CELLS_OF_REGION} across it), or {degree_key} = 2",
                 counted(*cells, "cell", "cells")
             )
         })
@@ -446,7 +468,7 @@ impl Ledger {
 
     fn regions_line(&self) -> Option<String> {
         let narrowest = self.regions.iter().min_by_key(|region| region.cells)?;
-        let NarrowRegion { potential, axis, cells, degree } = narrowest;
+        let NarrowRegion { potential, axis, cells, degree, .. } = narrowest;
         let [one, many] = if *degree == 0 { ["cell", "cells"] } else { ["element", "elements"] };
         let cells = counted(*cells, one, many);
         Some(format!("narrowest region of V: potential.{potential}, {cells} along {axis}"))
@@ -489,6 +511,7 @@ mod tests {
                 interface_estimate: Some(-0.01),
                 ..Mass::default()
             },
+            degree_keys: degree_key(),
             ends: vec![end("x", 1.5, 0.0), end("v", 0.001, 0.01)],
             jumps: vec![AxisJumps {
                 axis: "x".into(),
@@ -554,7 +577,8 @@ mod tests {
             let mut ledger = sound();
             ledger.jumps[0].least = least;
             let axis = "x".to_owned();
-            ledger.regions = vec![NarrowRegion { potential: 2, axis, cells, degree }];
+            let degree_key = "axis.0.x.degree".to_owned();
+            ledger.regions = vec![NarrowRegion { potential: 2, axis, cells, degree, degree_key }];
             ledger
         };
         let wall = |largest| {
@@ -565,6 +589,7 @@ mod tests {
         let rows = [
             (narrow(1, 0, 0.1), "potential.2: 1 cell wide along x"),
             (narrow(3, 0, 0.1), "potential.2: 3 cells wide along x"),
+            (narrow(3, 0, 0.1), "or axis.0.x.degree = 2"),
             (narrow(4, 0, 0.1), ""),
             (narrow(1, 1, 0.1), ""),
             // No particle can enter.

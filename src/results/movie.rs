@@ -101,9 +101,8 @@ impl<'a> Gif<'a> {
     /// Adds a frame, in which pixels that do not change take hardly any room. The last frame stays
     /// for a second.
     fn add(&mut self, numbers: Vec<u8>, last: bool) -> io::Result<()> {
-        let changed = |(k, number): (usize, &u8)| match self.before.get(k) == Some(number) {
-            true => SAME,
-            false => *number,
+        let changed = |(k, number): (usize, &u8)| {
+            if self.before.get(k) == Some(number) { SAME } else { *number }
         };
         let pixels: Vec<u8> = numbers.iter().enumerate().map(changed).collect();
         let frame = Frame {
@@ -186,11 +185,10 @@ impl Video {
         let ended = self.child.wait().map_err(|e| format!("ffmpeg: {e}"))?;
         let errors_of_ffmpeg = self.errors_of_ffmpeg.join().unwrap_or_default();
         let partial = disk::partial(&self.path);
-        let renamed = match ended.success() && self.accepts_frames {
-            true => std::fs::rename(&partial, &self.path).map_err(|e| e.to_string()),
-            false => {
-                Err(if errors_of_ffmpeg.is_empty() { ended.to_string() } else { errors_of_ffmpeg })
-            }
+        let renamed = if ended.success() && self.accepts_frames {
+            std::fs::rename(&partial, &self.path).map_err(|e| e.to_string())
+        } else {
+            Err(if errors_of_ffmpeg.is_empty() { ended.to_string() } else { errors_of_ffmpeg })
         };
         renamed.map_err(|why| {
             let _ = disk::clear(&partial);

@@ -244,9 +244,10 @@ impl StoredCase {
     /// Checks that the case file has the checksum that is stored with it.
     pub fn check(&self) -> hdf5::Result<()> {
         let expected = stored_checksum(&self.dataset)?;
-        match sum_of(FileShare::WHOLE, &self.dataset, |_| Ok(()))? == expected {
-            true => Ok(()),
-            false => Err(differs("/case").into()),
+        if sum_of(FileShare::WHOLE, &self.dataset, |_| Ok(()))? == expected {
+            Ok(())
+        } else {
+            Err(differs("/case").into())
         }
     }
 

@@ -222,10 +222,14 @@ impl Report<'_> {
         let mut head = Vec::new();
         let read = open_regular(&path).and_then(|file| file.take(HEAD).read_to_end(&mut head));
         let head = read.map(|_| String::from_utf8_lossy(&head).into_owned()).unwrap_or_default();
-        let what = match head.contains(&format!("name=\"{OWNER}\"")) {
-            true if head.contains(&format!("content=\"{}\"", self.owner())) => return Ok(()),
-            true => format!("{NAME} of another case"),
-            false => format!("a {NAME} that is not phasewarp's"),
+        let has_owner = head.contains(&format!("name=\"{OWNER}\""));
+        if has_owner && head.contains(&format!("content=\"{}\"", self.owner())) {
+            return Ok(());
+        }
+        let what = if has_owner {
+            format!("{NAME} of another case")
+        } else {
+            format!("a {NAME} that is not phasewarp's")
         };
         Err(not_replaced(directory, &what))
     }
@@ -302,10 +306,12 @@ impl Report<'_> {
         });
         let exact = self.number("error_l1").zip(self.number("exact_l1"));
         let with_algorithm = accuracy.as_ref().is_some_and(|found| found.includes_algorithm);
-        let of = match self.run.is_classical() {
-            true => "the grid and of the steps in time",
-            false if with_algorithm => "the grid and of the algorithm",
-            false => "the grid",
+        let of = if self.run.is_classical() {
+            "the grid and of the steps in time"
+        } else if with_algorithm {
+            "the grid and of the algorithm"
+        } else {
+            "the grid"
         };
         let exact = exact.map(|(error, exact)| {
             let part = percent(error / exact);

@@ -104,10 +104,8 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
     if let Some(readout) = results.readout {
         writer.metadata(|| write_readout(&writer, readout))?;
     }
-    let steps = match results.case.storage.xdmf {
-        true => views::write(&writer, results)?,
-        false => Vec::new(),
-    };
+    let steps =
+        if results.case.storage.xdmf { views::write(&writer, results)? } else { Vec::new() };
     writer.close()?;
     Ok(steps)
 }

@@ -56,10 +56,11 @@ impl ResultGrid {
     pub fn share(&self, share: &[Range<usize>]) -> Vec<Range<usize>> {
         let axes = self.from.x.iter().zip(&self.case.space.x);
         (share.iter().zip(axes))
-            .map(|(range, (from, to))| match range.is_empty() || from == to {
-                true => range.clone(),
-                false => 0..to.cells,
-            })
+            .map(
+                |(range, (from, to))| {
+                    if range.is_empty() || from == to { range.clone() } else { 0..to.cells }
+                },
+            )
             .collect()
     }
 

@@ -36,14 +36,17 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
     if !version::is_own(&program) {
         return Err("is no result of phasewarp, which is expected".to_owned());
     }
-    let f = file.dataset("f").map_err(|_| match file.link_exists("phi") {
-        true => "holds measure-valued data, /phi and /psi; /f is expected",
-        false => "holds no dataset /f",
+    let f = file.dataset("f").map_err(|_| {
+        if file.link_exists("phi") {
+            "holds measure-valued data, /phi and /psi; /f is expected"
+        } else {
+            "holds no dataset /f"
+        }
     })?;
     refuse_other_than_reals("f", &f)?;
     let time = number_attribute(&file, "time").map_err(|_| "says no time")?;
-    if !is_same(time, case.begin, time) {
-        return Err(format!("is f at t = {time}, time.start is {}", case.begin));
+    if !is_same(time, case.start_time, time) {
+        return Err(format!("is f at t = {time}, time.start is {}", case.start_time));
     }
     same_grid(&file, &f, &case.space)?;
     let case_of = stored_case(&file);

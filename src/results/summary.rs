@@ -3,7 +3,7 @@
 use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::text::GRID_ERROR;
 use crate::problem::case::{Case, Data, Interface, Method};
 use crate::quantum::probability::Probabilities;
@@ -98,11 +98,13 @@ impl MissedGoals {
     pub fn new(case: &Case, summary: &Summary) -> Self {
         let is_far =
             |error: f64| !summary.hidden_by_round_off && error > FAR_ABOVE * case.tolerance;
-        let estimate =
-            summary.error_estimate.and_then(|error| match summary.error_estimate_reliable {
-                true => Some((error, "estimated")),
-                false => is_far(error).then_some((error, "roughly estimated")),
-            });
+        let estimate = summary.error_estimate.and_then(|error| {
+            if summary.error_estimate_reliable {
+                Some((error, "estimated"))
+            } else {
+                is_far(error).then_some((error, "roughly estimated"))
+            }
+        });
         let measured = summary.error_semidiscrete.map(|error| (error, "measured"));
         let own = measured.or(estimate);
         let tolerance = (own.filter(|_| case.method == Method::Schrodingerized))
@@ -405,7 +407,8 @@ pub struct Summary {
     pub error_density_l2_relative: Option<f64>,
     /// Estimate of the relative L1 error of ρ_exact itself, if it is integrated over velocities.
     pub exact_density_error: Option<f64>,
-    /// Estimate of the relative L2 error of f_exact itself, if it is traced through a curved V.
+    /// Estimate of the relative L2 error of f_exact itself, if V is approximated in the cells
+    /// through which it is traced.
     pub exact_field_error: Option<f64>,
     /// Σ_a ∫ |m_a − m_exact,a| dx.
     pub error_momentum_l1: Option<f64>,
@@ -538,7 +541,8 @@ impl Summary {
             let small = "; particles of the exact flow show no error of the density above a tenth";
             let small = accuracy.particles.density.map_or("", |_| small);
             let measured = "; [exact] kind = \"characteristics\" measures it";
-            let measured = if case.reflects() || case.start.is_some() { "" } else { measured };
+            let measured =
+                if case.reflects() || case.warped_start.is_some() { "" } else { measured };
             accuracy.unknown = Some(format!("{why}{small}{measured}"));
         } else if of_density.is_some() && accuracy.grid.is_some_and(is_large) {
             let what = match accuracy.goal_error {
@@ -588,8 +592,8 @@ impl Summary {
         (own > LARGEST_EXACT_ERROR * error).then(|| {
             format!(
                 "the exact f is known to {own:.0e} only (relative L2, estimated), and the error of \
-                 {error:.1e} of f is measured against it: a curved V is traced through cells in \
-                 which it is linear; exact.f, if there is a formula, has no such error"
+                 {error:.1e} of f is measured against it: V is approximated in the cells through \
+                 which it is traced; exact.f, if there is a formula, has no such error"
             )
         })
     }
@@ -609,7 +613,7 @@ impl Summary {
     /// Prints the warnings that were not printed before the run. Only one rank calls it.
     pub fn report_late_warnings(&self) {
         for warning in &self.warnings[self.warnings_printed..] {
-            report(&format!("warning: {warning}"));
+            eprint_wrapped(&format!("warning: {warning}"));
         }
     }
 

@@ -2,11 +2,12 @@
 //! files, which one rank reads for all.
 
 use crate::base::checksum;
-use crate::base::error::Result;
+use crate::base::error::Error;
 use crate::base::row_major::number;
 use crate::parallel::communicator::Group;
-use crate::problem::case::{Case, TableFile, TableOf};
-use crate::problem::table::{Table, TableAxis, check_size};
+use crate::problem::case::{Case, TIME, TableFile, TableOf};
+use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::table::{ShortTable, Table, TableAxis, check_size};
 use crate::results::FileResult;
 use crate::results::readback::numbers;
 use crate::results::untrusted::{self, Inspection};
@@ -22,7 +23,7 @@ const MOST_TEXT: u64 = 256 << 20;
 /// # Errors
 /// [`Error::Case`](crate::base::error::Error::Case), the same on all ranks, that says what is wrong
 /// with a file.
-pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
+pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>, Error> {
     let mut case = Cow::Borrowed(case);
     for k in 0..case.tables.len() {
         if case.tables[k].checksum.is_none() {
@@ -35,15 +36,54 @@ pub fn with_tables<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case>> {
 
 /// Reads the table of `file` for all ranks. It must cover the grid of `case`. Collective over
 /// `world`.
-fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table> {
-    let found = world.on_first_rank(|| read(file).map(Some).map_err(|what| file.wrong(&what)))?;
+fn read_for_all(world: &Group, case: &Case, file: &TableFile) -> Result<Table, Error> {
+    let found = world.on_first_rank(|| {
+        read(file).map(Some).map_err(|TableMistake { keys, what }| {
+            let keys: Vec<String> =
+                keys.iter().map(|key| format!("{}.{key}", file.of.key())).collect();
+            case.wrong_table(file, &keys, &what)
+        })
+    })?;
     let table = shared(world, found).map_err(|what| file.wrong(&what))?;
     for (position, ends) in case.coordinate_ends() {
-        if let Some(what) = table.beyond(position, ends) {
-            return Err(file.wrong(&what));
+        if let Some(ShortTable { beyond, what }) = table.beyond(position, ends) {
+            let keys = end_keys(position).into_iter().zip(beyond).filter(|(_, beyond)| *beyond);
+            let keys: Vec<String> = keys.map(|(key, _)| key).collect();
+            return Err(case.wrong_table(file, &keys, &what));
         }
     }
     Ok(table)
+}
+
+/// The keys of the ends of the coordinate at `position` in formulas.
+fn end_keys(position: usize) -> [String; 2] {
+    let (axis, ends) = match position {
+        TIME => ("time".to_owned(), ["start", "end"]),
+        0..MAX_DIMENSION => (format!("axis.{position}.x"), ["lower", "upper"]),
+        _ => (format!("axis.{}.v", position - MAX_DIMENSION), ["lower", "upper"]),
+    };
+    ends.map(|end| format!("{axis}.{end}"))
+}
+
+/// A mistake in the file of a table, or in what the case expects there.
+#[derive(Debug)]
+struct TableMistake {
+    /// The keys beside the table's `file` that may be wrong: `dataset`, `axes`.
+    keys: &'static [&'static str],
+    /// What is wrong.
+    what: String,
+}
+
+impl TableMistake {
+    fn by(keys: &'static [&'static str], what: String) -> Self {
+        Self { keys, what }
+    }
+}
+
+impl<T: Into<String>> From<T> for TableMistake {
+    fn from(what: T) -> Self {
+        Self { keys: &[], what: what.into() }
+    }
 }
 
 /// `case` with those of its tables whose files have not changed since a result was computed.
@@ -107,64 +147,69 @@ fn shared(world: &Group, found: Option<Table>) -> FileResult<Table> {
 }
 
 /// Reads the table of a file. Only one rank calls it.
-fn read(file: &TableFile) -> FileResult<Table> {
+fn read(file: &TableFile) -> Result<Table, TableMistake> {
     let found = std::fs::metadata(&file.path).map_err(|e| e.to_string())?;
     if !found.is_file() {
-        return Err("is no file".to_owned());
+        return Err("is no file".into());
     }
     let ending = file.path.extension().unwrap_or_default();
-    match ending.eq_ignore_ascii_case("csv") {
-        true if found.len() > MOST_TEXT => {
-            Err(format!("{} bytes; at most {MOST_TEXT} of a CSV file are read", found.len()))
-        }
-        true => {
-            let text = std::fs::read_to_string(&file.path).map_err(|e| e.to_string())?;
-            of_text(file, &text)
-        }
-        false => of_hdf5(file),
+    if !ending.eq_ignore_ascii_case("csv") {
+        return of_hdf5(file);
     }
+    let bytes = found.len();
+    if bytes > MOST_TEXT {
+        return Err(format!("{bytes} bytes; at most {MOST_TEXT} of a CSV file are read").into());
+    }
+    let text = std::fs::read_to_string(&file.path).map_err(|e| e.to_string())?;
+    of_text(file, &text)
 }
 
 /// The table of an HDF5 file: a dataset, with the points of its axes in `/axis/NAME` or `/NAME`.
-fn of_hdf5(file: &TableFile) -> FileResult<Table> {
+fn of_hdf5(file: &TableFile) -> Result<Table, TableMistake> {
     let axes = file.axes();
     let places = |name: &str| [format!("axis/{name}"), name.to_owned()];
     let names = axes.iter().flat_map(|(_, names)| names.iter().flat_map(|name| places(name)));
     let names: Vec<String> = [file.dataset.clone()].into_iter().chain(names).collect();
     let opened = untrusted::open_given(&file.path, Inspection::Table(names))?;
     let dataset = opened.dataset(&file.dataset);
-    let dataset = dataset.map_err(|_| format!("holds no dataset /{}", file.dataset))?;
+    let dataset = dataset.map_err(|_| {
+        TableMistake::by(&["dataset"], format!("holds no dataset /{}", file.dataset))
+    })?;
     let shape = dataset.shape();
     if shape.len() != axes.len() {
-        return Err(format!(
+        let what = format!(
             "/{} has the shape {shape:?}; the axes {} are expected, others by axes = [\"…\"]",
             file.dataset,
             file.axes_text()
-        ));
+        );
+        return Err(TableMistake::by(&["axes", "dataset"], what));
     }
     let axis = |(position, names): &(usize, Vec<&str>)| {
         let there = |place: &String| opened.link_exists(place);
         let place = names.iter().flat_map(|name| places(name)).find(there);
-        let place = place.ok_or_else(|| format!("holds no dataset /axis/{}", names[0]))?;
+        let place = place.ok_or_else(|| {
+            TableMistake::by(&["axes"], format!("holds no dataset /axis/{}", names[0]))
+        })?;
         let dataset = opened.dataset(&place).map_err(|_| format!("/{place} is no dataset"))?;
         let points = numbers(&place, &dataset)?;
         Ok(TableAxis { name: names[0].to_owned(), position: *position, points })
     };
-    let axes = axes.iter().map(axis).collect::<FileResult<Vec<TableAxis>>>()?;
+    let axes = axes.iter().map(axis).collect::<Result<Vec<TableAxis>, TableMistake>>()?;
     for (axis, count) in axes.iter().zip(&shape) {
         if axis.points.len() != *count {
             let (name, points) = (&axis.name, axis.points.len());
-            return Err(format!(
+            let what = format!(
                 "/{} has {count} values along {name}, which has {points} points",
                 file.dataset
-            ));
+            );
+            return Err(TableMistake::by(&["axes", "dataset"], what));
         }
     }
-    Table::new(axes, numbers(&file.dataset, &dataset)?)
+    Ok(Table::new(axes, numbers(&file.dataset, &dataset)?)?)
 }
 
 /// The table of a CSV file: a line with the names of columns, then one line per value in any order.
-fn of_text(file: &TableFile, text: &str) -> FileResult<Table> {
+fn of_text(file: &TableFile, text: &str) -> Result<Table, TableMistake> {
     let text = text.trim_start_matches('\u{feff}');
     let is_data = |(_, line): &(usize, &str)| !line.is_empty() && !line.starts_with('#');
     let mut lines = (1..).zip(text.lines().map(str::trim)).filter(is_data);
@@ -191,10 +236,11 @@ fn of_text(file: &TableFile, text: &str) -> FileResult<Table> {
             }
         }
         if count != axes.len() + 1 {
-            return Err(format!("line {number}: {count} numbers, {} expected", axes.len() + 1));
+            let expected = axes.len() + 1;
+            return Err(format!("line {number}: {count} numbers, {expected} expected").into());
         }
     }
-    on_grid(axes, &places, &values)
+    Ok(on_grid(axes, &places, &values)?)
 }
 
 /// The columns of a CSV file.
@@ -207,24 +253,28 @@ struct Columns {
 
 impl Columns {
     /// The columns with these `names`, from the first line.
-    fn of(file: &TableFile, names: &[&str]) -> FileResult<Self> {
+    fn of(file: &TableFile, names: &[&str]) -> Result<Self, TableMistake> {
         let (mut axes, mut value) = (Vec::new(), None);
         for (column, &name) in names.iter().enumerate() {
             match file.position_of_axis(name) {
                 Some(position) => axes.push((name.to_owned(), position)),
                 None if name == file.dataset && value.is_none() => value = Some(column),
                 None => {
-                    return Err(format!(
+                    let what = format!(
                         "column \"{name}\" in the first line is neither one of the axes {} nor \
                          the value \"{}\"{}",
                         file.axes_text(),
                         file.dataset,
                         hint_on_column(file, name)
-                    ));
+                    );
+                    return Err(TableMistake::by(&["axes", "dataset"], what));
                 }
             }
         }
-        let none = || format!("has no column \"{}\" in the first line", file.dataset);
+        let none = || {
+            let what = format!("has no column \"{}\" in the first line", file.dataset);
+            TableMistake::by(&["dataset"], what)
+        };
         Ok(Self { axes, value: value.ok_or_else(none)? })
     }
 }
@@ -319,7 +369,7 @@ mod tests {
             ("x,f\n0,1\n", "points of the axis x: 1, at least 2"),
             ("x,x,f\n0,0,1\n0,1,1\n1,0,1\n1,1,1\n", "the axis x is given twice"),
         ] {
-            let found = of_text(&file(), text).unwrap_err();
+            let found = of_text(&file(), text).unwrap_err().what;
             assert!(found.contains(reason), "{text:?}: {found}");
         }
     }

@@ -67,7 +67,7 @@ fn is_ours(name: &str) -> bool {
 pub fn remove_older(directory: &Path, case: &Case, is_older: impl Fn(&Path) -> bool) -> Result<()> {
     let failed = |e: std::io::Error| failure(directory, &e);
     let written = names(case);
-    let start = case.start.as_ref();
+    let start = case.warped_start.as_ref();
     let start = start.and_then(|start| std::fs::canonicalize(&start.path).ok());
     for entry in std::fs::read_dir(directory).map_err(failed)? {
         let name = entry.map_err(failed)?.file_name();

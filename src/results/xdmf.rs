@@ -40,13 +40,16 @@ fn pieces(steps: &[GridsAtTime]) -> impl Iterator<Item = String> {
     };
     let start = format!("<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n<Domain>\n{start}");
     let several = steps.len() > 1;
-    let times = steps.iter().map(move |GridsAtTime { time, grids }| match several {
-        false => grids_text(*time, grids),
-        true => format!(
-            "<Grid Name=\"t = {time}\" GridType=\"Collection\" CollectionType=\"Spatial\">\n\
-             <Time Value=\"{time}\"/>\n{}</Grid>\n",
+    let times = steps.iter().map(move |GridsAtTime { time, grids }| {
+        if !several {
             grids_text(*time, grids)
-        ),
+        } else {
+            format!(
+                "<Grid Name=\"t = {time}\" GridType=\"Collection\" CollectionType=\"Spatial\">\n\
+         <Time Value=\"{time}\"/>\n{}</Grid>\n",
+                grids_text(*time, grids)
+            )
+        }
     });
     std::iter::once(start).chain(times).chain(std::iter::once(format!("{end}{END}")))
 }

@@ -8,7 +8,7 @@ use crate::solve::prepared::Prepared;
 /// Moments and totals of the initial data; also the fields, if they are to be written. The system
 /// drops its initial fields. None if the run starts from modes. Collective.
 pub fn at_start(prepared: &mut Prepared) -> Option<EarlyResult> {
-    if prepared.case.start.is_some() {
+    if prepared.case.warped_start.is_some() {
         return None;
     }
     let initial = std::mem::take(&mut prepared.system.initial);
@@ -19,9 +19,10 @@ pub fn at_start(prepared: &mut Prepared) -> Option<EarlyResult> {
     let moments = moments(world, case, share, &mine);
     let volumes = CellVolumes::new(&case.space, share);
     let totals = volumes.totals(world, &moments, &nodal_values(case, share));
-    let fields = match case.at_start.is_some_and(|start| start.fields) {
-        true => mine.iter().map(|field| field.to_vec()).collect(),
-        false => Vec::new(),
+    let fields = if case.output_at_start.is_some_and(|start| start.fields) {
+        mine.iter().map(|field| field.to_vec()).collect()
+    } else {
+        Vec::new()
     };
-    Some(EarlyResult { time: case.begin, moments, totals, fields })
+    Some(EarlyResult { time: case.start_time, moments, totals, fields })
 }

@@ -3,7 +3,7 @@
 use crate::base::disk::directory_error;
 use crate::base::error::Result;
 use crate::base::lock::DirectoryLock;
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::run::log::RunLog;
 use crate::run::options::Output;
 use crate::solve::checkpoint::store::{self, Generation, Store, remove_all};
@@ -88,7 +88,7 @@ pub(crate) fn remove_rest(results: &Path) {
         && let Err(error) = remove_all(&folder)
         && error.kind() != ErrorKind::DirectoryNotEmpty
     {
-        report(&format!("warning: {} could not be removed: {error}", folder.display()));
+        eprint_wrapped(&format!("warning: {} could not be removed: {error}", folder.display()));
     }
 }
 

@@ -37,9 +37,10 @@ pub(crate) fn refuse_not_finite(prepared: &Prepared, solution: &SolvedFields) ->
     let early = solution.early.iter().flat_map(|early| &early.fields);
     let fields = solution.fields.iter().flatten().chain(early);
     let mut values = fields.chain(&solution.plateau).flatten();
-    let checked = match values.all(|f| f.is_finite()) {
-        true => Ok(()),
-        false => Err(Error::NotFinite("NaN or infinity".into())),
+    let checked = if values.all(|f| f.is_finite()) {
+        Ok(())
+    } else {
+        Err(Error::NotFinite("NaN or infinity".into()))
     };
     prepared.communicator.world.agree(checked)
 }
@@ -55,7 +56,7 @@ pub(crate) fn compare(
     summary.fields = (case.fields.iter())
         .map(|field| FieldSummary { name: field.name.to_owned(), ..FieldSummary::default() })
         .collect();
-    if case.start.is_some() {
+    if case.warped_start.is_some() {
         let why = "the warped field at the start is known at its points only";
         summary.doubt = Some(why.to_owned());
         return Vec::new();
@@ -106,7 +107,7 @@ pub(crate) fn verify(
     let volumes = volumes_of(prepared);
     for (k, readings) in solution.fields.iter().enumerate() {
         // No leg ends at the start, which may be among the output times.
-        let early = solution.early.iter().filter(|early| early.time > prepared.case.begin);
+        let early = solution.early.iter().filter(|early| early.time > prepared.case.start_time);
         let early = early.map(|early| early.fields.get(k));
         let ends: Vec<Option<&Vec<f64>>> = early.chain([Some(&readings[0])]).collect();
         let mut worst: Option<f64> = None;
@@ -172,7 +173,7 @@ pub(crate) fn continued(
     Some(ContinuedResult {
         file: start.path.display().to_string(),
         checksum: checksum::text(origin.checksum),
-        time: case.begin,
+        time: case.start_time,
         error: origin.error,
         error_inherited,
         error_total: error_inherited.zip(own).map(|(inherited, own)| inherited + own),
@@ -309,9 +310,10 @@ fn estimate_from_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> E
     let distance = FieldNorms::new(prepared, &volumes, f).distance(&reference);
     let (rest, stages) = (schedule.reference_error, schedule.stages());
     let may_be_large = !schedule.order_is_seen && rest > LARGEST_REST * distance;
-    let doubt = match schedule.jumps {
-        true => Some("the inflow jumps in time, which all numbers of steps may miss alike"),
-        false => may_be_large.then_some("the error of so few time steps is only roughly known"),
+    let doubt = if schedule.jumps {
+        Some("the inflow jumps in time, which all numbers of steps may miss alike")
+    } else {
+        may_be_large.then_some("the error of so few time steps is only roughly known")
     };
     ErrorEstimate {
         estimate: distance + rest,
@@ -360,9 +362,10 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
         });
     };
     let whole = summary.error_estimate.unwrap_or(found);
-    let size = match summary.step_is_estimated {
-        true => format!("contributes {found:.1e}"),
-        false => format!("is too long for its error to be estimated (leading term {found:.1e})"),
+    let size = if summary.step_is_estimated {
+        format!("contributes {found:.1e}")
+    } else {
+        format!("is too long for its error to be estimated (leading term {found:.1e})")
     };
     // This part of the error falls with a power of the step; the rest does not depend on it.
     let order = plan.propagation.method.order() as f64;

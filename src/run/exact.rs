@@ -6,7 +6,7 @@ pub mod solution;
 pub mod velocities;
 
 use crate::base::error::Result;
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::progress::Progress;
 use crate::matrix::observables::{Moments, VelocityFactors};
 use crate::matrix::sampling::{sample, sample_with};
@@ -44,7 +44,7 @@ struct AtTime {
 /// The times at which the exact solution of `case` is computed, the end last.
 fn times(case: &Case) -> Vec<f64> {
     // If the run starts from modes, the data at the start are not known.
-    let at_start = case.at_start.iter().filter(|_| case.start.is_none());
+    let at_start = case.output_at_start.iter().filter(|_| case.warped_start.is_none());
     let earlier = at_start.chain(&case.times).filter(|_| case.has_exact_history());
     earlier.map(|time| time.time).chain([case.end]).collect()
 }
@@ -65,10 +65,7 @@ pub fn exact_run(
     let times = times(case);
     let mut watch = ExactWatch::new(prints, times.len());
     let by_sheet = case.is_measure_valued() && matches!(exact, Exact::Characteristics);
-    let values_of = match by_sheet {
-        true => None,
-        false => Some(ExactValues::new(world, case, exact)?),
-    };
+    let values_of = if by_sheet { None } else { Some(ExactValues::new(world, case, exact)?) };
     for time in times {
         let found = match &values_of {
             Some(values_of) => at_time(world, case, rank_cells, time, values_of)?,
@@ -111,7 +108,7 @@ impl ExactWatch {
         }
         let seconds = self.started.elapsed().as_secs_f64();
         if let Some(line) = slowness(self.all, self.done, seconds) {
-            report(&line);
+            eprint_wrapped(&line);
             self.silent = true;
         }
     }
@@ -166,12 +163,11 @@ fn at_time(
         ExactValues::Traced(_) => {
             let at_points = |points: &[[f64; 6]]| values_of.values_at(points, time);
             let values = sample_with(space, &rank_cells.part(), at_points);
-            match values.iter().all(|f| f.is_finite()) {
-                true => Ok(values),
-                false => {
-                    let place = "where a characteristic of exact.kind = \"characteristics\" begins";
-                    Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()))
-                }
+            if values.iter().all(|f| f.is_finite()) {
+                Ok(values)
+            } else {
+                let place = "where a characteristic of exact.kind = \"characteristics\" begins";
+                Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()))
             }
         }
     };

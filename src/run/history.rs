@@ -16,9 +16,10 @@ pub(super) fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) ->
     let at_time = |t: usize| {
         let found = (recovered.iter_mut()).map(|times| std::mem::take(&mut times[t])).collect();
         let time = &case.times[t];
-        let (moments, fields) = match legs[t].moments_only {
-            true => (moments_of_sums(prepared, found), Vec::new()),
-            false => moments_of_fields(prepared, found, time.fields),
+        let (moments, fields) = if legs[t].moments_only {
+            (moments_of_sums(prepared, found), Vec::new())
+        } else {
+            moments_of_fields(prepared, found, time.fields)
         };
         EarlyResult {
             time: time.time,

@@ -71,6 +71,7 @@ pub struct LedgerBeforeRun {
 pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     let mut found = LedgerBeforeRun::default();
     let ledger = &mut found.ledger;
+    ledger.degree_keys = case.degree_keys(case.space.lowest_degree());
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \
@@ -81,10 +82,11 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     }
     ledger.regions = regions(case);
     ledger.jumps = jumps(&case.space, &Potential::whole(case)?);
-    if case.start.is_some() {
+    if case.warped_start.is_some() {
         ledger.omitted.push("the initial mass, and all estimates: initial.warped has no f".into());
     } else if let Some(start) = &case.start_field {
-        let why = format!("all estimates: f at t = {} is of {}", case.begin, start.path.display());
+        let why =
+            format!("all estimates: f at t = {} is of {}", case.start_time, start.path.display());
         ledger.omitted.push(why);
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
@@ -110,6 +112,7 @@ fn regions(case: &Case) -> Vec<NarrowRegion> {
         axis: names[width.axis].to_owned(),
         cells: width.elements,
         degree: case.space.x[width.axis].nodes.degree,
+        degree_key: case.degree_key(width.axis),
     };
     widths.map(region).collect()
 }
@@ -238,11 +241,12 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
         let mean = sources.sum(|tally| tally.energy[axis]) / absolute;
         jump.mean_energy = Some(mean).filter(|mean| mean.is_finite());
     }
-    match case.reflects() {
-        true => ledger.omitted.push(
+    if case.reflects() {
+        ledger.omitted.push(
             "outflow through each end: partial reflection has no single characteristic".into(),
-        ),
-        false => outflow(case, &sources, ledger),
+        )
+    } else {
+        outflow(case, &sources, ledger)
     }
     tracker.arrivals
 }
@@ -342,9 +346,10 @@ impl DataSupport {
         while numbers.peek().is_some() {
             let block = numbers.by_ref().take(POINTS_AT_ONCE);
             for particle in sampler.draw(ParticleSource::Initial, &sequence, block) {
-                match particle.inside {
-                    true => inside.push(particle.point),
-                    false => beyond.push(particle.mass.abs()),
+                if particle.inside {
+                    inside.push(particle.point)
+                } else {
+                    beyond.push(particle.mass.abs())
                 }
             }
         }
@@ -443,7 +448,7 @@ fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64
     let rule = gauss_legendre(NODES);
     let mut integrals = vec![0.0; matrix.inflow.len()];
     for k in 0..parts {
-        let ends = [k, k + 1].map(|k| case.begin + k as f64 * part);
+        let ends = [k, k + 1].map(|k| case.start_time + k as f64 * part);
         for point in rule.iter().map(|point| point.moved_to(ends)) {
             let values = matrix.entering.values(&case.fields[0], point.node);
             for (sum, value) in integrals.iter_mut().zip(values) {

@@ -1,6 +1,6 @@
 //! The log of a run: warnings, lines for the user, seconds by step.
 
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::stopwatch::Stopwatch;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
@@ -32,7 +32,7 @@ impl RunLog {
     /// Prints `line`.
     pub fn line(&self, line: &str) {
         if self.prints {
-            report(line);
+            eprint_wrapped(line);
         }
     }
 

@@ -143,7 +143,7 @@ impl ModeStart {
         let communicator = spread.communicator;
         let own = &spread.modes[communicator.modes.rank()];
         let mut kept = (warp.points).map(|_| RankModes::new(system.matrix.rows(), own.clone()));
-        let begun = match (&case.start, &mut kept) {
+        let begun = match (&case.warped_start, &mut kept) {
             (Some(start), Some(kept)) => Some(read_start(start, planned, system, kept)?),
             _ => None,
         };
@@ -217,7 +217,7 @@ impl ModeRun<'_> {
             Some(files) => self.write(files, field, leg, kept),
             None => Ok(()),
         };
-        let begun = case.start.is_some();
+        let begun = case.warped_start.is_some();
         let mut keeping = kept.map(|kept| FullRunModes { kept, begun, after: &mut after });
         let hooks = RunHooks { keeping: keeping.as_mut(), checkpoints };
         let stores = hooks.checkpoints.is_some();
@@ -365,9 +365,10 @@ fn refuse_uneven(
         domain.point
     );
     let [first, last] = interval;
-    let beyond = match lower < first || upper > last {
-        true => format!("; beyond its points, from {first:.4} to {last:.4}, the field is repeated"),
-        false => String::new(),
+    let beyond = if lower < first || upper > last {
+        format!("; beyond its points, from {first:.4} to {last:.4}, the field is repeated")
+    } else {
+        String::new()
     };
     let bound = MOST_UNEVEN.max(10.0 * case.tolerance);
     if uneven <= bound || case.warped_field {

@@ -121,7 +121,7 @@ pub fn with_files_read<'a>(world: &Group, case: &'a Case) -> Result<Cow<'a, Case
         let start_field = Some(StartField { origin, ..start.clone() });
         return Ok(Cow::Owned(Case { start_field, ..case.into_owned() }));
     }
-    let Some(start) = &case.start else {
+    let Some(start) = &case.warped_start else {
         return Ok(case);
     };
     let given = WarpedFile::new(world, start, &case.space)?;

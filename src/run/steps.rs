@@ -170,7 +170,7 @@ impl<'a> Driver<'a> {
         };
         let entered = ledger::entered_mass(&planned.prepared);
         self.log.watch.lap("observables");
-        let early = at_start.filter(|_| planned.prepared.case.at_start.is_some());
+        let early = at_start.filter(|_| planned.prepared.case.output_at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered, arrivals })
     }
 
@@ -369,9 +369,10 @@ impl<'a> Driver<'a> {
             prepared = prepared.plan_modes(self.world, resources, ratio)?;
             let points = prepared.plan.warp.as_ref().and_then(|warp| warp.points);
             if let (Some(points), Some(output)) = (points, self.output) {
-                let room = match self.log.prints {
-                    true => warped::enough_room(output.directory, &prepared.case, points),
-                    false => Ok(()),
+                let room = if self.log.prints {
+                    warped::enough_room(output.directory, &prepared.case, points)
+                } else {
+                    Ok(())
                 };
                 prepared.communicator.world.agree(room)?;
             }

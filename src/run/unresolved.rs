@@ -1,7 +1,7 @@
 //! Warnings of parts of the case that the scheme does not resolve, and of settings without effect.
 
 use crate::base::text::{coordinate_text, counted, percent, short};
-use crate::problem::case::{Case, Inflow, Region, TableOf};
+use crate::problem::case::{Case, IdleInterval, Inflow, Region, TableOf};
 use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES};
@@ -21,6 +21,7 @@ pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
         .chain(variation_in_cells(case))
         .chain(idle_degree(case))
         .chain(idle_reflections(case))
+        .chain(case.idle_intervals.iter().map(|idle| idle_interval(case, idle)))
         .chain(short_tables(case))
         .collect()
 }
@@ -35,7 +36,7 @@ fn variation_in_cells(case: &Case) -> Option<String> {
     const NOTHING: f64 = 1e-3;
     /// The largest relative L2 distance of the data from their values at the centres.
     const LARGE: f64 = 0.5;
-    let starts_elsewhere = case.start.is_some() || case.start_field.is_some();
+    let starts_elsewhere = case.warped_start.is_some() || case.start_field.is_some();
     if starts_elsewhere || case.space.degree() > 0 || case.is_measure_valued() {
         return None;
     }
@@ -56,9 +57,10 @@ fn variation_in_cells(case: &Case) -> Option<String> {
     (relative > LARGE).then(|| {
         format!(
             "initial.f varies within the cells: their values at the centres are {} off (relative \
-             L2), which an estimate of the grid's error does not see; take more cells or a \
-             scheme.degree above 0",
-            percent(relative)
+             L2), which an estimate of the grid's error does not see; take more cells or {} above \
+             0",
+            percent(relative),
+            case.degree_keys(0)
         )
     })
 }
@@ -124,6 +126,16 @@ fn idle_degree(case: &Case) -> Option<String> {
          axis.N.v.degree)"
             .to_owned()
     })
+}
+
+/// The warning of an interval of output times that is longer than the run.
+fn idle_interval(case: &Case, IdleInterval { key, every, adds_start }: &IdleInterval) -> String {
+    let (start, end, most) = (case.start_time, case.end, short(case.duration()));
+    let effect = if *adds_start { "adds the start only" } else { "has no effect" };
+    format!(
+        "{key} = {every} {effect}: no multiple of it lies between time.start = {start} and \
+         time.end = {end}; below {most} there is one"
+    )
 }
 
 /// Warnings of regions with `reflection` from which no jump goes down.

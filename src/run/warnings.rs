@@ -7,6 +7,7 @@ use crate::problem::grid::SPACE_NAMES;
 use crate::problem::potential::oblique::oblique_edges;
 use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, unresolved_regions};
 use crate::run::unresolved::{oblique_edge, unresolved_parts};
+use crate::run::vanishing::vanishing_parts;
 use crate::schrodingerization::warp_plan::WarpPlan;
 
 /// Warnings of a case: edges of `V` that miss faces, regions without a cell, parts of `V` that the
@@ -33,6 +34,7 @@ pub fn warnings(case: &Case) -> Vec<String> {
         .chain(found.empty.iter().map(empty_region))
         .chain(case.potential.iter().enumerate().filter_map(|(k, region)| staircase(k, region)))
         .chain(unresolved_parts(case))
+        .chain(vanishing_parts(case))
         .chain(idle)
         .chain(unread)
         .chain(limited)

@@ -76,17 +76,17 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
         if !case.enters() {
             reductions.idle_unknowns = !allowed.inflow;
             let line = "auxiliary unknowns: nothing enters";
-            match allowed.inflow {
-                true => reductions.dropped.push(line.to_owned()),
-                false => {
-                    (reductions.kept).push(format!("{line}, but solver.reduce.inflow is false"))
-                }
+            if allowed.inflow {
+                reductions.dropped.push(line.to_owned())
+            } else {
+                (reductions.kept).push(format!("{line}, but solver.reduce.inflow is false"))
             }
         }
         let line = "modes l < 0: conjugates of those above, as the data are real";
-        match allowed.modes {
-            true => reductions.dropped.push(line.to_owned()),
-            false => (reductions.kept).push(format!("{line}, but solver.reduce.modes is false")),
+        if allowed.modes {
+            reductions.dropped.push(line.to_owned())
+        } else {
+            (reductions.kept).push(format!("{line}, but solver.reduce.modes is false"))
         }
     }
     case.reductions = reductions;
@@ -96,7 +96,7 @@ pub fn reduced(world: &Group, case: &Case) -> Result<Case> {
 /// The key whose value requires the whole grid, if there is one.
 fn key_needing_whole_grid(case: &Case) -> Option<&'static str> {
     let keys = [
-        ("initial.warped", case.start.is_some()),
+        ("initial.warped", case.warped_start.is_some()),
         ("initial.field", case.start_field.is_some()),
         ("output.warped_field", case.warped_field),
         ("[readout]", case.readout.is_some()),

@@ -49,10 +49,8 @@ impl<'a> Scheme<'a> {
             .map(|(r, axis)| r.start..(r.end + 1).min(axis.cells))
             .collect();
         let potential = Potential::new(case, &wider)?;
-        let elements = match case.is_galerkin() {
-            true => Some(Elements::new(case, &potential)?),
-            false => None,
-        };
+        let elements =
+            if case.is_galerkin() { Some(Elements::new(case, &potential)?) } else { None };
         Ok(Self { case, space: &case.space, potential, no_inflow: !case.enters(), elements })
     }
 
@@ -218,7 +216,7 @@ impl<'a> Scheme<'a> {
     /// The fields that have inflow, and the time of the inflow.
     fn entering(&self) -> InflowTerm<'_> {
         let fields: &[LiouvilleField] = if self.no_inflow { &[] } else { &self.case.fields };
-        InflowTerm { fields, time: self.case.begin }
+        InflowTerm { fields, time: self.case.start_time }
     }
 
     /// `Σ rate b²` over the sources of a row of the field with inflow; for degree 0, `b²/g` with
@@ -230,7 +228,7 @@ impl<'a> Scheme<'a> {
         }
         let square = |point: &[f64; 6]| {
             let values =
-                self.case.fields.iter().map(|f| f.entering().at_point(point, self.case.begin));
+                self.case.fields.iter().map(|f| f.entering().at_point(point, self.case.start_time));
             let b: f64 = values.sum();
             b * b
         };

@@ -50,7 +50,9 @@ pub(crate) struct Placement {
 /// are too many.
 pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Placement> {
     let warp = &case.warp;
-    if let (Some(_), Some(interval), Some(points)) = (&case.start, warp.interval, warp.points) {
+    if let (Some(_), Some(interval), Some(points)) =
+        (&case.warped_start, warp.interval, warp.points)
+    {
         return from_file(case, bounds, interval, points);
     }
     if takes_one_mode(case, bounds) {

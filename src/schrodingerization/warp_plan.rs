@@ -154,7 +154,7 @@ impl WarpPlan {
             applications,
             solves,
             amplification: modes.amplification(reading),
-            points: (case.warped_field || case.start.is_some()).then(|| points(series)),
+            points: (case.warped_field || case.warped_start.is_some()).then(|| points(series)),
             mode_tolerances,
             work,
             legs,
@@ -408,9 +408,10 @@ impl<'a> PropagatedModes<'a> {
     /// The modes of `series` in a run of a case with these `reductions`.
     fn of(reductions: &Reductions, series: &'a Series) -> Self {
         let own = series.modes();
-        let conjugates = match reductions.every_mode {
-            true => (0..own).filter(|&l| !series.is_unpaired(l)).count(),
-            false => 0,
+        let conjugates = if reductions.every_mode {
+            (0..own).filter(|&l| !series.is_unpaired(l)).count()
+        } else {
+            0
         };
         let count = own + conjugates;
         Self { series, count }

@@ -22,7 +22,7 @@ pub mod store;
 pub mod watch;
 
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::parallel::communicator::Communicator;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance::Batch;
@@ -153,7 +153,7 @@ impl<'a> Checkpoints<'a> {
         match written {
             Ok(_) => self.written += 1,
             Err(error) if self.communicator.world.is_first() => {
-                report(&format!("warning: {error}; the run goes on"));
+                eprint_wrapped(&format!("warning: {error}; the run goes on"));
             }
             Err(_) => {}
         }

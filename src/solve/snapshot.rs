@@ -59,7 +59,7 @@ impl Fingerprint {
         Self {
             program: VERSION.to_owned(),
             settings,
-            start: case.start.as_ref().map(|_| WarpedFieldKey {
+            start: case.warped_start.as_ref().map(|_| WarpedFieldKey {
                 points: (warp.interval.map(f64::to_bits), warp.points.unwrap_or(0)),
                 values: None,
             }),

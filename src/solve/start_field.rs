@@ -58,10 +58,12 @@ impl StoredPart {
             return None;
         }
         let axes = wanted.iter().zip(shape.iter().zip(&cells));
-        let stored = axes.map(|(range, (found, cells))| match found == cells || range.is_empty() {
-            true => range.clone(),
-            false => 0..1,
-        });
+        let stored =
+            axes.map(
+                |(range, (found, cells))| {
+                    if found == cells || range.is_empty() { range.clone() } else { 0..1 }
+                },
+            );
         Some(Self { stored: stored.collect(), shape, wanted })
     }
 

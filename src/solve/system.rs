@@ -117,12 +117,11 @@ fn initial_values(
             None => {
                 let sampled = sample(world, &case.space, &part, &field.initial, 0.0);
                 let mine = world.agree(sampled)?;
-                let values = match is_shared {
-                    true => {
-                        let cells = matrix.block.cells();
-                        rank_cells.gathered(&communicator.modes, &mine, cells)
-                    }
-                    false => mine,
+                let values = if is_shared {
+                    let cells = matrix.block.cells();
+                    rank_cells.gathered(&communicator.modes, &mine, cells)
+                } else {
+                    mine
                 };
                 (field.initial.place(), values)
             }
@@ -253,10 +252,14 @@ impl DiscreteSystem {
     /// `(Σ |x_i|²)^½` over the cells with the weights undone. Collective over the space group.
     pub fn field_norm(&self, communicator: &Communicator, x: &[f64]) -> f64 {
         let cells = self.matrix.block.cells();
-        self.root_of_sum(communicator, |i| match i < cells {
-            true if self.weights.are_volumes => x[i] * x[i],
-            true => x[i] * x[i] / self.weights.pi[i],
-            false => 0.0,
+        self.root_of_sum(communicator, |i| {
+            if i >= cells {
+                0.0
+            } else if self.weights.are_volumes {
+                x[i] * x[i]
+            } else {
+                x[i] * x[i] / self.weights.pi[i]
+            }
         })
     }
 

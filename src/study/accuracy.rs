@@ -2,7 +2,7 @@
 //! results of a run.
 
 use crate::base::error::{Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::text::seconds_text;
 use crate::base::{checksum, disk};
 use crate::parallel::communicator::World;
@@ -116,10 +116,10 @@ pub fn chosen(world: &World, case: &Case, request: AdviceRequest) -> Result<Case
         return Err(Error::Input(format!("{}: accuracy {accuracy:e}: {why}", case.name)));
     }
     if world.group().is_first() {
-        report(&format!("accuracy {accuracy:e}: {}", entry.summary()));
+        eprint_wrapped(&format!("accuracy {accuracy:e}: {}", entry.summary()));
         let of_advice = warnings(case, std::slice::from_ref(entry));
         for warning in of_advice.into_iter().chain(expensive(entry, budget)) {
-            report(&format!("warning: {warning}"));
+            eprint_wrapped(&format!("warning: {warning}"));
         }
     }
     let chosen = case.with_settings(entry.settings.iter().cloned())?;

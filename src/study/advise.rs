@@ -216,9 +216,10 @@ impl<'a> Study<'a> {
 /// the fewest cells.
 fn out_of_reach(name: &str, accuracy: f64, entries: &[SetupReport]) -> Error {
     let one_grid = |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
-    let verdict = match entries.iter().any(one_grid) {
-        true => "is not settled within this budget",
-        false => "is out of reach",
+    let verdict = if entries.iter().any(one_grid) {
+        "is not settled within this budget"
+    } else {
+        "is out of reach"
     };
     let fewest = entries.iter().min_by(|a, b| a.cells.total_cmp(&b.cells));
     let reason = fewest.map_or(String::new(), |e| {

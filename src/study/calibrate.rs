@@ -174,9 +174,10 @@ impl CalibratedCase<'_> {
     /// ranks for. Collective.
     fn block(&self, plan: &Plan, watch: &mut Stopwatch) -> Result<Prepared> {
         let mesh = &plan.layout.mesh;
-        let (part, here) = match self.whole() {
-            true => (self.case.clone(), mesh.clone()),
-            false => cut_in_space(self.case, mesh, self.world.group().size()),
+        let (part, here) = if self.whole() {
+            (self.case.clone(), mesh.clone())
+        } else {
+            cut_in_space(self.case, mesh, self.world.group().size())
         };
         let sweeps = self.provisional.max_weight_sweeps();
         let mut plan = plan.clone();
@@ -244,7 +245,7 @@ fn points(plan: &Plan) -> Option<usize> {
 
 /// Seconds for the warped field that a run starts from.
 fn seconds_to_read(case: &Case, plan: &Plan) -> f64 {
-    let points = points(plan).filter(|_| case.start.is_some());
+    let points = points(plan).filter(|_| case.warped_start.is_some());
     let bytes = points.map_or(0, |points| 8 * case.space.cells() * points);
     SECONDS_PER_GIVEN_BYTE * bytes as f64
 }

@@ -4,7 +4,7 @@
 //! To vary another setting, add a line to [`CHOICES`]: advice then prints it as a `--set` option,
 //! and the cost model distinguishes matrices that differ by it.
 
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::{
     Alpha, Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Method, ProfileChoice,
     PropagatorMethod,
@@ -26,7 +26,7 @@ pub struct Choice {
 
 /// The interface law of degree 0; empty for elements, whose traces are coupled by energy.
 fn interface(case: &Case) -> String {
-    if case.is_galerkin() { String::new() } else { word(&case.interface) }
+    if case.is_galerkin() { String::new() } else { choice_text(&case.interface) }
 }
 
 /// The flux between elements; the upwind scheme of degree 0 has none.
@@ -37,11 +37,11 @@ fn flux(case: &Case) -> String {
 /// All choices but elements and degree.
 #[rustfmt::skip]
 pub const CHOICES: [Choice; 6] = [
-    Choice { key: "solver.method", value: |c| word(&c.method), method: None, rows: false },
+    Choice { key: "solver.method", value: |c| choice_text(&c.method), method: None, rows: false },
     Choice { key: "scheme.interface", value: interface, method: None, rows: true },
     Choice { key: "scheme.flux", value: flux, method: None, rows: true },
-    Choice { key: "scheme.limiter", value: |c| word(&c.limiter), method: None, rows: false },
-    Choice { key: "solver.classical.integrator", value: |c| word(&c.integrator),
+    Choice { key: "scheme.limiter", value: |c| choice_text(&c.limiter), method: None, rows: false },
+    Choice { key: "solver.classical.integrator", value: |c| choice_text(&c.integrator),
            method: Some(Method::Classical), rows: false },
     Choice { key: "solver.tolerance", value: |c| format!("{:e}", c.tolerance),
            method: Some(Method::Schrodingerized), rows: false },

@@ -206,9 +206,10 @@ impl CostModel {
             return Ok((found.expected(), ASSUMED_RATIO));
         };
         let finer = (cells as f64 / key.cells() as f64).powf(1.0 / key.shape.len() as f64);
-        let growth = match found.growth.is_finite() {
-            true => found.growth,
-            false => known.growth.max(0.0) * finer.max(1.0),
+        let growth = if found.growth.is_finite() {
+            found.growth
+        } else {
+            known.growth.max(0.0) * finer.max(1.0)
         };
         let bounds =
             Bounds { growth, decay: 2.0 * found.rate + growth, stages: known.stages, ..found };
@@ -291,9 +292,10 @@ fn fitted_overhead(known: &BTreeMap<usize, f64>, cells: f64, axes: usize) -> f64
     let ends = known.first_key_value().zip(known.last_key_value());
     let Some(((&few, &little), (&many, &much))) = ends else { return OVERHEAD * cells };
     let (few, many) = (few as f64, many as f64);
-    let fixed = match many > few {
-        true => little - (much - little) / (many - few) * few,
-        false => (little - OVERHEAD * few).min(START_UP),
+    let fixed = if many > few {
+        little - (much - little) / (many - few) * few
+    } else {
+        (little - OVERHEAD * few).min(START_UP)
     };
     let fixed = fixed.clamp(0.0, little.min(much));
     let each = ((much - fixed) / many).max(OVERHEAD.min(much / many));

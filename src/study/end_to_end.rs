@@ -52,7 +52,7 @@ use crate::study::end_to_end::text::verdict;
 use crate::study::end_to_end::traced::{
     BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity, Values,
 };
-use crate::study::grids::{cells, of_degree};
+use crate::study::grids::{cells, degree_settings, of_degree};
 
 /// Units of progress: two units a degree and scheme, and one for slopes.
 const UNITS: usize = 21;
@@ -159,26 +159,26 @@ fn classical_methods(
     let DensityTask { world, exact, accuracy, .. } = *task;
     let case = at_point.case;
     let mut baselines = vec![fastest_stepping(upwind, accuracy)];
-    let steeper = match case.is_galerkin() {
-        true => Err(no_slopes(case)),
-        false => {
-            let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
-            let found = MeasuredScheme::new(world, &steeper, exact);
-            found.map_err(|error| case.reason(&error))
-        }
+    let steeper = if case.is_galerkin() {
+        Err(no_slopes(case))
+    } else {
+        let steeper = classical(case, Integrator::SspRk3, Limiter::VanLeer);
+        let found = MeasuredScheme::new(world, &steeper, exact);
+        found.map_err(|error| case.reason(&error))
     };
     baselines.push(match &steeper {
         Ok(found) => stepping(ClassicalName::VanLeer, found, &case.space, accuracy),
         Err(why) => ClassicalMethod::unavailable(ClassicalName::VanLeer, why),
     });
     task.advance();
-    baselines.extend(match case.reflects() {
-        true => [ClassicalName::Quadrature, ClassicalName::MonteCarlo]
-            .map(|name| ClassicalMethod::unavailable(name, BRANCHES)),
-        false => [
+    baselines.extend(if case.reflects() {
+        [ClassicalName::Quadrature, ClassicalName::MonteCarlo]
+            .map(|name| ClassicalMethod::unavailable(name, BRANCHES))
+    } else {
+        [
             by_quadrature(world, traced, accuracy),
             by_monte_carlo(world, &at_point.by_monte_carlo(accuracy), accuracy),
-        ],
+        ]
     });
     baselines
 }
@@ -188,9 +188,10 @@ fn no_slopes(case: &Case) -> String {
     let key = match (case.space.degree(), case.reflects()) {
         (0, true) => "potential.reflection".to_owned(),
         (0, false) => format!("scheme.flux = {}", case.flux),
-        (degree, _) => format!("scheme.degree = {degree}"),
+        (degree, _) => format!("{} = {degree}", case.degree_keys(degree)),
     };
-    format!("{key}: slopes are limited in upwind cells of degree 0 only; --set scheme.degree=0")
+    let settings = degree_settings(case, 0).join(" --set ");
+    format!("{key}: slopes are limited in upwind cells of degree 0 only; --set {settings}")
 }
 
 /// The exact solution that errors of `case` are measured against.
@@ -224,10 +225,7 @@ fn exact_values<'a>(case: &'a Case, exact: &'a Exact, tracer: &'a Tracer<'a>) ->
 /// `case` with a scheme that dissipates: the upwind one, if its own has the central flux.
 fn dissipative_of(case: &Case) -> Case {
     let scheme = scheme_of(case);
-    match scheme.flux == 0.0 {
-        true => Case { flux: 1.0, ends: EndFlux::Open, ..scheme },
-        false => scheme,
-    }
+    if scheme.flux == 0.0 { Case { flux: 1.0, ends: EndFlux::Open, ..scheme } } else { scheme }
 }
 
 /// The point where the density is wanted.
@@ -330,12 +328,13 @@ fn stepping(
 
 /// Quadrature, whose seconds are none where it does not reach `accuracy`. Collective.
 fn by_quadrature(world: &World, found: &TracedDensity, accuracy: f64) -> ClassicalMethod {
-    let seconds = match found.error <= accuracy {
-        true => LabelledNumber::estimate(world.group().max(found.seconds), "measured here"),
-        false => LabelledNumber::unavailable(&format!(
+    let seconds = if found.error <= accuracy {
+        LabelledNumber::estimate(world.group().max(found.seconds), "measured here")
+    } else {
+        LabelledNumber::unavailable(&format!(
             "not reached: an error of {:.1e} with {} traces",
             found.error, found.traces
-        )),
+        ))
     };
     ClassicalMethod {
         name: ClassicalName::Quadrature,

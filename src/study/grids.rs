@@ -217,9 +217,12 @@ impl Grids {
     /// velocity that are not merged.
     pub fn fewer(&self, shape: &[usize], of_space: bool, part: f64) -> Vec<usize> {
         let is_space = |k| k < self.dimension();
-        self.mapped(shape, |k, n| match is_space(k) == of_space {
-            true => self.near(k, n as f64 * part * (1.0 - 1e-12), 2),
-            false => n,
+        self.mapped(shape, |k, n| {
+            if is_space(k) == of_space {
+                self.near(k, n as f64 * part * (1.0 - 1e-12), 2)
+            } else {
+                n
+            }
         })
     }
 
@@ -259,9 +262,10 @@ impl Grids {
 
     /// About half of `n` elements along axis `k`, with a face at `v = 0` if one must be there.
     fn half(&self, k: usize, n: usize) -> usize {
-        match k >= self.dimension() && !self.needs_even(k) {
-            true => self.near(k, 0.5 * n as f64, 1),
-            false => n.div_ceil(2),
+        if k >= self.dimension() && !self.needs_even(k) {
+            self.near(k, 0.5 * n as f64, 1)
+        } else {
+            n.div_ceil(2)
         }
     }
 
@@ -307,9 +311,10 @@ impl Grids {
     /// Whether half of `cells` along axis `k` keeps its edges on faces, or is even where it must
     /// be.
     fn can_halve(&self, k: usize, cells: usize) -> bool {
-        match self.needs_even(k) {
-            true => cells.is_multiple_of(4),
-            false => cells.is_multiple_of(2) && self.keeps(k, cells / 2),
+        if self.needs_even(k) {
+            cells.is_multiple_of(4)
+        } else {
+            cells.is_multiple_of(2) && self.keeps(k, cells / 2)
         }
     }
 

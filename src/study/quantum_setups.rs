@@ -62,10 +62,8 @@ pub fn ranked(world: &World, case: &Case, synthesis: RotationSynthesis) -> Resul
     let RankedSystem { ranking: Ranking(mut all), last } =
         optimised(world, case, synthesis, &mut progress)?;
     let ProbedCase { prepared: Prepared { bounds, .. }, rough } = last;
-    let other = match bounds.is_skew() {
-        true => None,
-        false => unitary(world, case, rough.norms, synthesis).ok(),
-    };
+    let other =
+        if bounds.is_skew() { None } else { unitary(world, case, rough.norms, synthesis).ok() };
     progress.finish();
     all.extend(other.and_then(|unitary| CostedChoice::unitary(&unitary.by_access.costs)));
     Ok(Ranking::new(all))

@@ -304,9 +304,10 @@ impl fmt::Display for RankTable {
         }
         if let Some(first) = self.costs().next() {
             let ranks = counted(first.ranks, "rank", "ranks");
-            let (what, seconds) = match timed {
-                true => ("the time of the whole job", ""),
-                false => ("the time of solving alone", "; --calibrate predicts seconds"),
+            let (what, seconds) = if timed {
+                ("the time of the whole job", "")
+            } else {
+                ("the time of solving alone", "; --calibrate predicts seconds")
             };
             writeln!(f, "rel. time       {what} over that of {ranks}, no unit{seconds}")?;
         }

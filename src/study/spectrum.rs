@@ -1,8 +1,8 @@
 //! Both ends of the spectrum of `S`, measured beside guaranteed bounds, with and without weights.
 
 use crate::base::error::{Error, LESS_MEMORY, Result};
-use crate::base::log::report;
-use crate::base::text::{bytes_text, rounded, seconds_text, word};
+use crate::base::log::eprint_wrapped;
+use crate::base::text::{bytes_text, choice_text, rounded, seconds_text};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::here::{announce_slow_steps, memory_per_rank, refuse_too_large_here};
@@ -186,7 +186,7 @@ fn announce_steps(world: &World, prepared: &mut Prepared, steps: usize) -> Resul
     let seconds = steps as f64 * started.elapsed().as_secs_f64();
     if world.group().is_first() && seconds > LONG {
         let seconds = seconds_text(seconds);
-        report(&format!(
+        eprint_wrapped(&format!(
             "{} cells: {steps} Lanczos steps take up to {seconds}",
             prepared.case.space.cells()
         ));
@@ -214,7 +214,7 @@ impl fmt::Display for MeasuredSpectra {
                     f,
                     "cells x {last}: {}, interface {}",
                     shape_text(&found.shape),
-                    word(&found.interface)
+                    choice_text(&found.interface)
                 )?;
             }
             f.write_str(&found.line())?;

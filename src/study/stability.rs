@@ -93,9 +93,10 @@ pub fn measure(
     for (done, &spec) in wanted.iter().enumerate() {
         let left = wanted.len() - done;
         budget.share(if spec.cheap && left > 1 { 2 } else { 1 }, left);
-        let found = match budget.is_over() {
-            true => Err(Error::input("the budget is used up")),
-            false => (spec.measure)(&PanelTask { world, case: &by_modes, budget: &budget }),
+        let found = if budget.is_over() {
+            Err(Error::input("the budget is used up"))
+        } else {
+            (spec.measure)(&PanelTask { world, case: &by_modes, budget: &budget })
         };
         match found {
             Ok(findings) => panels.push(StabilityPanel { spec, findings }),

@@ -10,11 +10,11 @@ pub mod table;
 pub mod vary;
 
 use crate::base::error::{CAN_GO_ON, Error, Result};
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use crate::base::machine::{self, RunPart};
 use crate::base::memory;
 use crate::base::row_major::indices;
-use crate::base::text::plain;
+use crate::base::text::json_text;
 use crate::parallel::communicator::World;
 use crate::problem::case::{self, Case, Method};
 use crate::results::dataset::RESULT;
@@ -164,7 +164,7 @@ impl Sweep {
     pub fn label(&self, run: &SweepRun) -> String {
         let words = self.keys.iter().zip(&run.values);
         let words: Vec<String> =
-            words.map(|(key, value)| format!("{key}={}", plain(value))).collect();
+            words.map(|(key, value)| format!("{key}={}", json_text(value))).collect();
         words.join(" ")
     }
 
@@ -266,7 +266,7 @@ impl Sweep {
             return Ok(None);
         }
         if world.group().is_first() {
-            report(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
+            eprint_wrapped(&format!("[{}/{}] {}", run.number, self.runs.len(), self.label(run)));
         }
         // Only a run that has begun can be resumed.
         let left = [store::folder(&run.directory), run.directory.join(RESULT)];
@@ -291,7 +291,7 @@ impl Sweep {
     fn report_end(&self, world: &World, run: &SweepRun, end: &dyn fmt::Display) {
         if world.group().is_first() {
             let label = self.label(run);
-            report(&format!("[{}/{}] {label}: {end}", run.number, self.runs.len()));
+            eprint_wrapped(&format!("[{}/{}] {label}: {end}", run.number, self.runs.len()));
         }
     }
 

@@ -1,6 +1,6 @@
 //! Treatments of the growth at a jump of `V`: an interface law, with or without weights.
 
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::{Case, Interface};
 use crate::scheme::interface::law_of;
 
@@ -52,7 +52,7 @@ impl Treatment {
 
     /// The treatment in words.
     pub fn name(self) -> String {
-        let law = word(&self.interface);
+        let law = choice_text(&self.interface);
         match (self.has_growing_law(), self.weights) {
             (false, _) => law,
             (true, true) => format!("{law}, dissipative weights"),

@@ -57,7 +57,7 @@ pub fn final_fields_only(case: &Case) -> Case {
     Case {
         plateau: None,
         readout: None,
-        at_start: None,
+        output_at_start: None,
         times: Vec::new(),
         warped_field: false,
         ..case.clone()
@@ -69,7 +69,7 @@ pub fn final_fields_only(case: &Case) -> Case {
 /// # Errors
 /// [`Error::Input`] with the place of the key, the reason, and what to give instead.
 pub fn refuse_start_from_file(case: &Case, why: &str) -> Result<()> {
-    let warped = case.start.as_ref().map(|start| (&start.place, "give initial.f"));
+    let warped = case.warped_start.as_ref().map(|start| (&start.place, "give initial.f"));
     let field = case.start_field.as_ref();
     let field = field.map(|start| (&start.place, "leave it out, with time.start"));
     match warped.or(field) {

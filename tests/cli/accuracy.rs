@@ -255,9 +255,12 @@ fn the_last_line_of_an_under_resolved_run_names_its_errors() {
         }
         let (Some(line), Some(wording)) = (line, wording) else { return Ok(()) };
         // An estimate is printed with one digit.
-        let digits = |e: f64| match found["grid_measured"] == true {
-            true => format!("{e:.2} %"),
-            false => format!("about {} %", short(one_digit(e))),
+        let digits = |e: f64| {
+            if found["grid_measured"] == true {
+                format!("{e:.2} %")
+            } else {
+                format!("about {} %", short(one_digit(e)))
+            }
         };
         let percent = |key: &str| found[key].as_f64().map(|e| digits(100.0 * e));
         let named = [("f", "grid"), ("density", "grid_density")];
@@ -652,9 +655,10 @@ fn particles_show_errors_that_no_estimate_sees() {
                 return Err(finished.report(&format!("{of}: {shown:?}")));
             }
         }
-        match finished.report("").contains("exact density is known") {
-            true => Err(finished.report("a warning of the exact density")),
-            false => Ok(()),
+        if finished.report("").contains("exact density is known") {
+            Err(finished.report("a warning of the exact density"))
+        } else {
+            Ok(())
         }
     });
 }

@@ -38,10 +38,7 @@ fn chart(
             return Err(finished.report(&format!("not printed: {sentence}")));
         }
     }
-    match sentences.is_empty() {
-        true => Err(finished.report("no sentence")),
-        false => Ok(found),
-    }
+    if sentences.is_empty() { Err(finished.report("no sentence")) } else { Ok(found) }
 }
 
 fn entries(chart: &Value) -> &[Value] {
@@ -61,9 +58,10 @@ fn complete(entry: &Value) -> Result<(), String> {
     };
     let front = ["front_exact", "front_seconds", "front_applications", "front_until_measured"];
     let on = front.iter().any(|key| entry[key] == true);
-    match right && known("grid") && (!on || known("seconds")) {
-        true => Ok(()),
-        false => Err(format!("not complete: {entry}")),
+    if right && known("grid") && (!on || known("seconds")) {
+        Ok(())
+    } else {
+        Err(format!("not complete: {entry}"))
     }
 }
 
@@ -84,9 +82,10 @@ fn is_well_formed(svg: &str) -> Result<(), String> {
             None => open.push(name),
         }
     }
-    match open.is_empty() && svg.contains("<svg") {
-        true => Ok(()),
-        false => Err(format!("{open:?} not closed")),
+    if open.is_empty() && svg.contains("<svg") {
+        Ok(())
+    } else {
+        Err(format!("{open:?} not closed"))
     }
 }
 
@@ -130,9 +129,10 @@ fn every_case_has_a_chart_within_its_budget() {
         is_well_formed(&text_of(place.path().join("chart.svg"))?)
             .map_err(|e| format!("{name}: {e}"))?;
         let [width, height] = png_size(&place.path().join("chart.png"))?;
-        match width >= 800 && height >= 600 {
-            true => Ok(()),
-            false => Err(format!("{name}: a picture of {width} x {height}")),
+        if width >= 800 && height >= 600 {
+            Ok(())
+        } else {
+            Err(format!("{name}: a picture of {width} x {height}"))
         }
     });
     // On a busy machine some charts have time for the first trial only.
@@ -163,12 +163,10 @@ fn charts_do_not_depend_on_ranks() {
         let Some(other) = others.clone().find(same) else {
             continue;
         };
-        let numbers: &[&str] = match entry["solves"].is_null() {
-            true => &[
-                "modes", "applications", "error_exact", "error_semidiscrete", "probability_window",
-            ],
-            // With split space, GMRES takes other numbers of applications.
-            false => &["modes", "solves"],
+        let numbers: &[&str] = if entry["solves"].is_null() {
+            &["modes", "applications", "error_exact", "error_semidiscrete", "probability_window"]
+        } else {
+            &["modes", "solves"]
         };
         for key in numbers {
             assert_eq!(entry[key], other[key], "{key} of {entry}");

@@ -222,9 +222,10 @@ fn carried(modes: &Value) -> Result<Vec<bool>, String> {
     let carried: Vec<bool> =
         (0..points as i32).map(|l| wavenumber(l).abs() <= highest * (1.0 + 1e-12)).collect();
     // More than half of them.
-    match 2 * carried.iter().filter(|&&is| is).count() > carried.len() {
-        true => Ok(carried),
-        false => Err(format!("too few modes have nonzero coefficients: {modes}")),
+    if 2 * carried.iter().filter(|&&is| is).count() > carried.len() {
+        Ok(carried)
+    } else {
+        Err(format!("too few modes have nonzero coefficients: {modes}"))
     }
 }
 
@@ -330,9 +331,10 @@ fn columns_are_checked_on_any_grid() {
             return Err(format!("the highest of one mode: {printed}"));
         }
         let sparse = about["sparse"]["alpha"].as_f64().ok_or("no alpha")?;
-        match difference <= 1e-13 && found == *jumps && sparse > highest {
-            true => Ok(()),
-            false => Err(format!("{found} jumps, {about:#}")),
+        if difference <= 1e-13 && found == *jumps && sparse > highest {
+            Ok(())
+        } else {
+            Err(format!("{found} jumps, {about:#}"))
         }
     });
 }
@@ -427,9 +429,6 @@ fn cases_without_a_circuit_are_refused() {
         let place = directory();
         let new = place.path().join("new");
         export("export-circuit", name, settings, &new).on(2).is_refused(wording)?;
-        match new.exists() {
-            true => Err(format!("{} was made", new.display())),
-            false => Ok(()),
-        }
+        if new.exists() { Err(format!("{} was made", new.display())) } else { Ok(()) }
     });
 }

@@ -119,9 +119,10 @@ fn call(program: &str, arguments: &[&str]) -> Result<()> {
     let mut command = Command::new(program);
     let found = command.args(arguments).stdin(Stdio::null()).output();
     let output = found.map_err(|e| format!("{program}: {e}"))?;
-    match output.status.success() {
-        true => Ok(()),
-        false => Err(format!("{program}: {}", String::from_utf8_lossy(&output.stderr))),
+    if output.status.success() {
+        Ok(())
+    } else {
+        Err(format!("{program}: {}", String::from_utf8_lossy(&output.stderr)))
     }
 }
 
@@ -154,10 +155,7 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     let awaited = ["", "checkpoint", ".partial", ".partial"][(4.0 * draw(1)) as usize];
     let longest = if awaited.is_empty() { 0.5 } else { 0.02 };
     let delay = Duration::from_secs_f64(longest * draw(2));
-    let room = match draw(3) < 0.3 {
-        true => 0,
-        false => (2e5 * draw(4)) as u64,
-    };
+    let room = if draw(3) < 0.3 { 0 } else { (2e5 * draw(4)) as u64 };
     let mut begun = awaited.is_empty().then_some(Duration::ZERO);
     let mut happened = None;
     let run = job(kind).on(1 + (3.0 * draw(5)) as usize).into(&results).within(LIMIT);

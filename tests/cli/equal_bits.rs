@@ -130,9 +130,10 @@ fn a_slightly_changed_time_changes_the_bits() {
             datasets(place.path())
         };
         let differ = differences(&results(0.7)?, &results(0.7 * (1.0 + 1e-9))?);
-        match differ.iter().any(|d| d == field) && !differ.iter().any(|d| d == "/axis/x") {
-            true => Ok(()),
-            false => Err(format!("{name}: a changed time.end changes {differ:?}")),
+        if differ.iter().any(|d| d == field) && !differ.iter().any(|d| d == "/axis/x") {
+            Ok(())
+        } else {
+            Err(format!("{name}: a changed time.end changes {differ:?}"))
         }
     });
 }

@@ -323,9 +323,10 @@ fn what_enters_is_evaluated_outside_of_the_box() {
             summary.require(error < 0.3, || format!("error_l1 {error}"))?;
             Ok((fields, entered))
         };
-        match solve(outside, "outside")? == solve(at_end, "at-end")? {
-            true => Ok(()),
-            false => Err(format!("{outside}: another result than of {at_end}")),
+        if solve(outside, "outside")? == solve(at_end, "at-end")? {
+            Ok(())
+        } else {
+            Err(format!("{outside}: another result than of {at_end}"))
         }
     });
 }

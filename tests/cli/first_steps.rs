@@ -137,11 +137,12 @@ fn numbers_are_formulas_of_constants() {
     };
     assert!(plan(true).is_object());
     assert_eq!(plan(true), plan(false));
-    let rows: [(&str, &[&str]); 6] = [
+    let rows: [(&str, &[&str]); 7] = [
         ("time.end=2*U", &["time.end = \"2*U\"", "unknown name \"U\" at character 3", "a number"]),
         ("time.end=-T", &["time.end = \"-T\" (-0.25)", "above"]),
         ("time.end=x", &["unknown name \"x\""]),
-        ("time.end=1/0", &["time.end = \"1/0\"", "a finite number"]),
+        ("time.end=1/0", &["time.end = \"1/0\"", "division by zero at character 2"]),
+        ("time.end=exp(1e3)", &["time.end = \"exp(1e3)\"", "a finite number"]),
         ("axis.0.x.cells=2*T", &["axis.0.x.cells", "whole number"]),
         ("solver.warp.delta=maxx", &["solver.warp.delta", "did you mean \"max\""]),
     ];

@@ -259,6 +259,32 @@ fn unresolved_narrow_regions_are_reported() {
     });
 }
 
+/// Remedies name the keys that give the degrees: those of axes, where axes have their own.
+#[test]
+fn remedies_name_the_degrees_of_axes() {
+    let own: &[&str] = &["axis.0.x.degree=0", "axis.0.v.degree=0"];
+    let narrow = Barrier { cells: 1, degree: 0 }.settings();
+    let narrow: Vec<&str> = narrow.iter().map(String::as_str).collect();
+    let bump: &[&str] = &["initial.f=exp(-((x - 0.31)/0.01)^2 - ((v - 0.5)/0.3)^2)", "exact={}"];
+    let both = "axis.0.x.degree and axis.0.v.degree";
+    let rows: [(Vec<&str>, &str); 4] = [
+        (narrow.clone(), "or scheme.degree = 2"),
+        ([&narrow[..], own].concat(), "or axis.0.x.degree = 2"),
+        (bump.to_vec(), "or a higher scheme.degree"),
+        ([bump, own].concat(), &format!("or a higher {both}")),
+    ];
+    check_all(&rows, |(settings, words)| {
+        let finished = check("step_up.toml").set(settings).succeed()?;
+        finished.contains(&finished.output, &[words])
+    });
+    // Data that vary within the cells.
+    let wave = "initial.f=(1 + cos(2*pi*16*(x + 1.5)/3))*exp(-(v - 0.5)^2/0.1)";
+    let job = check("example1.toml").set(&[wave, "axis.0.x.cells=32"]).set(own);
+    let finished = job.succeed().unwrap();
+    let words = format!("take more cells or {both} above 0");
+    finished.contains(&finished.output, &[&words]).unwrap();
+}
+
 /// No case of `cases/` loses or gains mass without a reason. If `V` or a pulse is not resolved, the
 /// mass is unbalanced, and the report marks it.
 #[test]

@@ -197,9 +197,10 @@ fn exact_moments_are_integrals_over_the_velocities() {
         let area = |x: f64| 0.5 * (x * (1.0 - x * x).sqrt() + x.asin());
         let at_start = with["/history/density_exact"].numbers();
         for (x, found) in x.iter().zip(&at_start).filter(|(x, _)| x.abs() < 0.9) {
-            let expected = match nodal {
-                true => (1.0 - x * x).sqrt(),
-                false => (area(x + half) - area(x - half)) / (2.0 * half),
+            let expected = if nodal {
+                (1.0 - x * x).sqrt()
+            } else {
+                (area(x + half) - area(x - half)) / (2.0 * half)
             };
             assert!((found - expected).abs() < 1e-3, "{x}: {found} {expected}");
         }

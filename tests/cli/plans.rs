@@ -240,12 +240,15 @@ fn plans_and_runs_choose_the_same_mesh() {
             let line = &table[k];
             let of_table =
                 Mesh { blocks: line["space_blocks"].clone(), groups: line["mode_groups"].clone() };
-            let same = |what: &str, mesh: Mesh| match mesh == of_table {
-                true => Ok(()),
-                false => Err(format!(
-                    "{name} {settings:?} on {ranks} ranks: {what} {mesh:?}, \
-                    the table {of_table:?}"
-                )),
+            let same = |what: &str, mesh: Mesh| {
+                if mesh == of_table {
+                    Ok(())
+                } else {
+                    Err(format!(
+                        "{name} {settings:?} on {ranks} ranks: {what} {mesh:?}, \
+                the table {of_table:?}"
+                    ))
+                }
             };
             let mesh_of = |plan: &serde_json::Value| Mesh {
                 blocks: plan["layout"]["mesh"]["space"].clone(),
@@ -498,9 +501,10 @@ fn every_case_is_in_the_readme() {
         let row = row.ok_or_else(|| format!("cases/README.md has no row for {name}"))?;
         // The row's number of cells is the file's.
         let cells = format!("= {} |", parsed(name, &[])?.space.cells());
-        match row.contains(&cells) {
-            true => Ok(()),
-            false => Err(format!("cases/README.md: \"{row}\" does not end with \"{cells}\"")),
+        if row.contains(&cells) {
+            Ok(())
+        } else {
+            Err(format!("cases/README.md: \"{row}\" does not end with \"{cells}\""))
         }
     });
     for word in readme.split(|c: char| !(c.is_alphanumeric() || "_./".contains(c))) {

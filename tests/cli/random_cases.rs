@@ -101,12 +101,11 @@ fn is_solved(scene: &str, choices: &mut Choices) -> Result<bool, String> {
         let what = || "no error_semidiscrete of a field that is not zero".to_owned();
         return summary.require(nothing, what).map(|()| false);
     }
-    match by_steps {
-        true => step_is_estimated(&summary)?,
-        false => {
-            tolerance_is_met(&summary)?;
-            memory_is_planned(&summary, ranks)?;
-        }
+    if by_steps {
+        step_is_estimated(&summary)?
+    } else {
+        tolerance_is_met(&summary)?;
+        memory_is_planned(&summary, ranks)?;
     }
     // A skew system has one mode and no second reading.
     if summary.value["modes"] != 1 {

@@ -300,10 +300,8 @@ fn mistakes_in_a_file_are_reported_with_their_line() {
         }
         let path = path.display().to_string();
         // A missing key is reported for its table, which starts on an earlier line.
-        let location = match wording.contains(&"missing") {
-            true => path.clone(),
-            false => format!("{path}:{line}:"),
-        };
+        let location =
+            if wording.contains(&"missing") { path.clone() } else { format!("{path}:{line}:") };
         let wording = wording.iter().map(|s| (*s).to_owned());
         Mistake { path, settings: Vec::new(), wording: wording.chain([location]).collect() }
     });

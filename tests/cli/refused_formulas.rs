@@ -32,6 +32,27 @@ fn formulas_that_are_not_finite_are_reported_with_the_place() {
     });
 }
 
+/// A division by a constant 0 is refused with its place, wherever formulas stand.
+#[test]
+fn divisions_by_a_constant_zero_are_refused_with_their_place() {
+    let rows = [
+        ("initial.f", "exp(-x^2/0)", 9),
+        ("initial.f", "exp(-x^2/width)", 9),
+        ("potential.0.value", "0.2 + x/(1 - 1)", 8),
+        ("potential.0.where", "x/0 < 1", 2),
+        ("inflow.value", "exp(-v^2/0)", 9),
+        ("time.end", "1/width", 2),
+    ];
+    check_all(&rows, |(key, formula, at)| {
+        let place = format!("division by zero at character {at}");
+        let value = format!("{key} = \"{formula}\"");
+        let job = check("example1.toml").set(&["constants.width=0"]);
+        job.set(&[&format!("{key}=\"{formula}\"")]).is_refused(&[&place, &value])
+    });
+    let guarded = "initial.f=\"exp(-x^2/width) if width > 0 else exp(-x^2)\"";
+    check("example1.toml").set(&["constants.width=0", guarded]).succeed().unwrap();
+}
+
 /// `check` refuses the same formulas as `run`.
 #[test]
 fn check_finds_formulas_that_are_not_finite() {

@@ -322,9 +322,10 @@ fn pictures_replace_links_and_pipes() {
     for (k, name) in names.iter().enumerate() {
         let path = plots.join(name);
         fs::remove_file(&path).expect("a picture");
-        match k % 4 < 2 {
-            true => std::os::unix::fs::symlink(&victim, &path).expect("a link"),
-            false => make_pipe(&path),
+        if k % 4 < 2 {
+            std::os::unix::fs::symlink(&victim, &path).expect("a link")
+        } else {
+            make_pipe(&path)
         }
     }
     draw();

@@ -4,6 +4,9 @@ use crate::support::{Job, RESULT_FILES, case, check_all, contents, directory, of
 use std::fs;
 use std::path::Path;
 
+/// The grid of a study of two seconds.
+const SMALL: [&str; 2] = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
+
 /// A run of half a second at most.
 fn run(settings: &[&str]) -> Job {
     let small = ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
@@ -91,7 +94,15 @@ fn tables_exports_and_reports_are_not_replaced_without_force() {
     let sweep = job(&["sweep", &example]).with(vary).set(&tiny[..2]);
     let exports = ["export-matrix", "export-quantum"].map(|name| job(&[name, &example]).set(&tiny));
     // A command, the same for another case, its first file, and a text of the message.
-    let rows: [(Job, Job, &str, &str); 6] = [
+    let study = |words: &[&str], settings: &[&str]| {
+        job(words).with([&*example, "--budget", "2s"]).set(&SMALL).set(settings)
+    };
+    let [charts, studies] = [&["chart"][..], &["stability", "--only", "cfl"]]
+        .map(|words| [study(words, &[]), study(words, &["time.end=0.2"])]);
+    let [[chart, other_chart], [stability, other_stability]] = [charts, studies];
+    let rows: [(Job, Job, &str, &str); 8] = [
+        (chart, other_chart, "chart.csv", "the chart of another case: time.end is 1"),
+        (stability, other_stability, "stability.csv", "of another case: time.end is 1"),
         (sweep.clone(), sweep.set(&["time.end=0.2"]), "table.csv", "a sweep with other runs"),
         (exports[0].clone(), exports[0].clone().set(&["time.end=0.2"]), "A.mtx", "time.end is 1"),
         (exports[1].clone(), exports[1].clone().set(&["time.end=0.2"]), "field.npy", "time.end"),
@@ -141,6 +152,14 @@ fn tables_exports_and_reports_are_not_replaced_without_force() {
     for place in [path.join("plots"), path.join("./plots/../plots"), path.to_owned()] {
         job(&["plot", &result]).into(&place).succeed().expect("pictures");
         assert!(!place.join("description.json").exists(), "{}", place.display());
+    }
+    // A chart and a stability study of one case share a directory, and leave an export there.
+    let place = directory();
+    let [chart, stability] = [["chart", "--budget"], ["stability", "--budget"]]
+        .map(|words| job(&words).with(["2s", &*example]).set(&SMALL).into(place.path()));
+    exports[0].clone().into(place.path()).succeed().expect("matrices");
+    for job in [&chart, &stability, &chart, &stability] {
+        job.clone().succeed().expect("a study beside others");
     }
     // Two kinds of export in one directory are refused.
     let place = directory();

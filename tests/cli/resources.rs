@@ -91,9 +91,10 @@ impl Formats {
     fn agree(&self) -> Result<(), String> {
         let Self { alone, record, azure, qref } = self;
         let least = &least_cost(record);
-        let of_azure = match self.is_compiled() {
-            true => self.have_emitted_gates(least),
-            false => self.have_queries(least),
+        let of_azure = if self.is_compiled() {
+            self.have_emitted_gates(least)
+        } else {
+            self.have_queries(least)
         };
         let sensible = of_azure
             && azure["tOfRotations"].as_f64() == Some(t_of_rotations(least, record))
@@ -808,9 +809,10 @@ fn consistent(record: &Value) -> Result<(), String> {
     let p: Vec<f64> =
         shares.iter().map(|k| chain[*k]["value"].as_f64().unwrap_or(f64::NAN)).collect();
     let product = (p[0] * p[1] * p[2] / p[3] - 1.0).abs() < 1e-12;
-    match product && p.iter().all(|p| (0.0..=1.0 + 1e-12).contains(p)) {
-        true => Ok(()),
-        false => Err("invalid probabilities".to_owned()),
+    if product && p.iter().all(|p| (0.0..=1.0 + 1e-12).contains(p)) {
+        Ok(())
+    } else {
+        Err("invalid probabilities".to_owned())
     }
 }
 
@@ -841,9 +843,10 @@ fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
         && way_back >= tau
         && 2.0 * way_back >= steps(cost)
         && way_back <= (0.5 * steps(cost)).max(tau.ceil()) + 1.0;
-    match half_as_many && half["steps"]["label"] == "model" {
-        true => Ok(()),
-        false => Err(format!("not half as many calls: {cost}")),
+    if half_as_many && half["steps"]["label"] == "model" {
+        Ok(())
+    } else {
+        Err(format!("not half as many calls: {cost}"))
     }
 }
 
@@ -896,18 +899,20 @@ fn bounds_of_sparsity(record: &Value) -> Result<(), String> {
     let stated = of_hamiltonian.map_or(&Value::Null, |count| &count["rows"]["bound"]);
     let ours = &sparsity["our_bound"];
     if sparsity["bounded"] != true {
-        return match stated.is_null() && ours.is_null() {
-            true => Ok(()),
-            false => Err("a bound that does not apply to this case".to_owned()),
+        return if stated.is_null() && ours.is_null() {
+            Ok(())
+        } else {
+            Err("a bound that does not apply to this case".to_owned())
         };
     }
     let q: Vec<u64> =
         sparsity["q"].as_array().into_iter().flatten().filter_map(Value::as_u64).collect();
     let (n, sum) = (q.len() as u64, q.iter().sum::<u64>());
     let expected = [Some(sum + 5), Some(sum + 7), None][q.len() - 1];
-    match stated.as_u64() == expected && ours.as_u64() == Some(sum + 3 * n + 2) {
-        true => Ok(()),
-        false => Err(format!("bounds {stated} and {ours} for Q = {q:?}")),
+    if stated.as_u64() == expected && ours.as_u64() == Some(sum + 3 * n + 2) {
+        Ok(())
+    } else {
+        Err(format!("bounds {stated} and {ours} for Q = {q:?}"))
     }
 }
 

@@ -307,9 +307,6 @@ fn large_cases_and_zero_states_are_refused() {
         let place = directory();
         let new = place.path().join("new");
         export(name, settings, &new).on(2).is_refused(wording)?;
-        match new.exists() {
-            true => Err(format!("{} was made", new.display())),
-            false => Ok(()),
-        }
+        if new.exists() { Err(format!("{} was made", new.display())) } else { Ok(()) }
     });
 }

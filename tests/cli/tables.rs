@@ -109,9 +109,10 @@ fn a_table_at_cell_centres_gives_the_same_bits_for_any_file_and_ranks() {
             }
         }
         let file = hdf5::File::open(to.path().join("result.h5")).map_err(|e| e.to_string())?;
-        match file.attr("table_checksum").is_ok() && file.attr("table_file").is_ok() {
-            true => Ok(()),
-            false => Err("the result has no attributes of the table".to_owned()),
+        if file.attr("table_checksum").is_ok() && file.attr("table_file").is_ok() {
+            Ok(())
+        } else {
+            Err("the result has no attributes of the table".to_owned())
         }
     });
     // A result file is also a valid table.
@@ -136,9 +137,10 @@ fn tables_converge_with_order_2_to_the_formula() {
             table(&path, settings).on(2).solve(to.path())?;
             errors.push(distance(&field(to.path())?, &expected));
         }
-        match errors[0] < 2e-2 && (3.0..5.0).contains(&(errors[0] / errors[1])) {
-            true => Ok(()),
-            false => Err(format!("{settings:?}: errors {errors:?}")),
+        if errors[0] < 2e-2 && (3.0..5.0).contains(&(errors[0] / errors[1])) {
+            Ok(())
+        } else {
+            Err(format!("{settings:?}: errors {errors:?}"))
         }
     });
     // The exact solution follows characteristics back to the table.
@@ -284,10 +286,7 @@ fn same_by_formula_and_table(formula: &Job, table: &Job, most: f64) -> Result<()
         .into_iter()
         .filter(|name| ["/f", "/density", "/momentum", "/potential"].contains(&name.as_str()))
         .collect();
-    match differing.is_empty() {
-        true => Ok(()),
-        false => Err(format!("1 and 3 ranks differ: {differing:?}")),
-    }
+    if differing.is_empty() { Ok(()) } else { Err(format!("1 and 3 ranks differ: {differing:?}")) }
 }
 
 /// A constant table of `V` at the centres of cells has the effect of regions with jumps. A linear
@@ -446,6 +445,54 @@ fn bad_tables_of_potential_and_inflow_are_refused() {
         run("f='0'", &[setting]).into(directory().path()).on(3).is_refused(wording)?;
         of_case("check", "example1.toml").set(&[setting]).is_refused(wording)
     });
+}
+
+/// Mistakes in a table that a `--set` causes are reported as those of the `--set`, not of the line
+/// in the case file.
+#[test]
+fn mistakes_in_tables_are_blamed_on_their_set() {
+    let place = directory();
+    let text = fs::read_to_string(case("example1.toml")).expect("a case");
+    let zero =
+        text.lines().find(|line| line.starts_with("value = \"0\" ") && line.contains("enters"));
+    let with = |line: &str| text.replace(zero.expect("the inflow"), line);
+    let put = |name: &str, text: &str| {
+        fs::write(place.path().join(name), text).expect("a file");
+        place.path().join(name).display().to_string()
+    };
+    put("in.csv", "x,v,f\n-2,-2,1\n-2,2,1\n2,-2,1\n2,2,1\n");
+    let ends: &[f64] = &[-2.0, 2.0];
+    write_table(&place.path().join("in.h5"), &[("x", ends), ("vx", ends)], &[1.0; 4]);
+    let by_text = put("text.toml", &with("table = { file = \"in.csv\" }"));
+    let by_hdf5 = put("hdf5.toml", &with("table = { file = \"in.h5\" }"));
+    let by_formula = put("formula.toml", &text);
+    let line = |path: &str| format!("{path}:");
+    let rows: [(&str, &str, &str); 10] = [
+        (&by_text, "inflow.table.dataset='g'", "inflow.table.dataset = "),
+        (&by_text, "inflow.table.axes=['v']", "inflow.table.axes = [\"v\"]: "),
+        (&by_hdf5, "inflow.table.dataset='g'", "holds no dataset /g"),
+        (&by_hdf5, "inflow.table.axes=['v']", "/f has the shape [2, 2]"),
+        (&by_text, "axis.0.x.upper=9.5", "axis.0.x.upper = 9.5: inflow.table.file = "),
+        (&by_text, "axis.0.x={lower=-9.5, upper=1.5, cells=128}", "axis.0.x.lower = -9.5: "),
+        (&by_text, "inflow.table.file='none.csv'", "No such file"),
+        (&by_formula, "inflow.table.file='in.csv'", "give either inflow.table, or inflow.value"),
+        (&by_formula, "initial.table.file='in.csv'", "give either initial.table, or initial.f"),
+        (&by_formula, "potential.0.table.file='in.csv'", "give either potential.0.table, or"),
+    ];
+    check_all(&rows, |(path, setting, words)| {
+        let finished = Job::new(["check", *path]).set(&[*setting]).run()?;
+        let set = format!("--set {setting}: ");
+        finished.ended(2, &[&set, words])?;
+        if finished.errors.contains(&line(path)) {
+            Err(finished.report("the case file is blamed"))
+        } else {
+            Ok(())
+        }
+    });
+    // Without a `--set`, the line of the case file is named.
+    let wrong = put("wrong.toml", &with("table = { file = \"in.csv\", dataset = \"g\" }"));
+    let finished = Job::new(["check", &wrong]).run().unwrap();
+    finished.ended(2, &[&line(&wrong), "inflow.table.file"]).unwrap();
 }
 
 /// A run with a changed table of `V` is repeated. Edges of a table that lie on no face are

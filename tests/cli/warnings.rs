@@ -155,6 +155,32 @@ fn data_that_vary_within_cells_give_a_warning() {
     });
 }
 
+/// Formulas that are zero at every point of the grid cause a warning, constants 0 do not.
+#[test]
+fn formulas_that_are_zero_on_the_grid_give_a_warning() {
+    let inflow = "inflow.value=exp(-(x + 1.5)^2)";
+    let nothing = "inflow.value=exp(-(x - 90)^2)";
+    let rows: &[(&[&str], &str, bool)] = &[
+        (&["initial.f=0"], "the initial data are zero on the grid, and nothing enters", true),
+        (&["initial.f=exp(-(x - 90)^2)", inflow], "initial.f is zero at every point", true),
+        (&["initial.f=0", inflow], "is zero at", false),
+        (&[nothing], "inflow.value is zero at all ends of the box", true),
+        (&[inflow], "is zero at", false),
+        (&["inflow.value=1 if x < -1.5 else 0", "scheme.degree=1"], "is zero at", false),
+        (&["inflow.value=1 if x < -1.5 else 0"], "is zero at", false),
+        (&["inflow.value=0"], "is zero at", false),
+        (&["potential.0.value=exp(-(x - 90)^2)"], "potential.0.value is zero at every", true),
+        (&["potential.1.value=0.1*sin(x)"], "is zero at", false),
+        (&["potential.1.value=0"], "is zero at", false),
+    ];
+    check_all(rows, |(settings, words, printed)| {
+        let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "exact={}"];
+        let finished = check("example1.toml").set(&small).set(settings).succeed()?;
+        let found = finished.output.contains(words);
+        require(found == *printed, &finished, || format!("\"{words}\": {found}"))
+    });
+}
+
 /// Keys without effect and initial data that are zero on the grid cause warnings.
 #[test]
 fn keys_without_effect_and_zero_data_give_a_warning() {
@@ -165,6 +191,11 @@ fn keys_without_effect_and_zero_data_give_a_warning() {
         (&["potential.1.reflection=0.5"], "potential.1.reflection has no effect", true),
         (&["potential.0.reflection=0.5"], "reflection has no effect", false),
         (&["potential.0.reflection=0.5"], "where x < 0  reflection 0.5", true),
+        (&["output.moments_every=2"], "output.moments_every = 2 has no effect: no multiple", true),
+        (&["output.moments_every=1"], "and time.end = 1; below 1 there is one", true),
+        (&["output.moments_every=0.9"], "moments_every", false),
+        (&["output.fields_every=2"], "output.fields_every = 2 adds the start only", true),
+        (&["output.fields_every=0.5"], "fields_every", false),
         (&["initial.f=exp(-(x - 90)^2/0.01)"], "initial data are zero on the grid", true),
         (&["initial.f=0", "inflow.value=1 if v < 1 else 0"], "are zero on the grid", false),
     ];

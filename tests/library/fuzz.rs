@@ -242,9 +242,10 @@ impl Reader for Formulas {
         match Expression::parse(formula, &names, &Constants::new()) {
             Ok(read) => {
                 evaluate(&read);
-                match read.text() == formula {
-                    true => Ok(true),
-                    false => Err(format!("read as {}", read.text())),
+                if read.text() == formula {
+                    Ok(true)
+                } else {
+                    Err(format!("read as {}", read.text()))
                 }
             }
             Err(message) if message.is_empty() => Err("no message".to_owned()),

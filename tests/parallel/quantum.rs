@@ -90,9 +90,10 @@ impl Oracle<'_> {
         let number = |j: usize| (self.number[j / POINTS], j % POINTS);
         let ((i, l), (other, m)) = (number(j), number(column));
         let mu = TAU * (l as f64 - 3.0) / PERIOD;
-        match l == m {
-            true => Complex64::new(mu * self.s.at(i, other), self.k.at(i, other)),
-            false => Complex64::ZERO,
+        if l == m {
+            Complex64::new(mu * self.s.at(i, other), self.k.at(i, other))
+        } else {
+            Complex64::ZERO
         }
     }
 

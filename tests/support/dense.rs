@@ -81,10 +81,10 @@ impl Dense {
     /// The matrix with `more` rows and columns of zeros after its own.
     pub fn enlarged(&self, more: usize) -> Self {
         let inside = |i: usize| i < self.size;
-        Self::from_fn(self.size + more, |i, j| match inside(i) && inside(j) {
-            true => self.at(i, j),
-            false => 0.0,
-        })
+        Self::from_fn(
+            self.size + more,
+            |i, j| if inside(i) && inside(j) { self.at(i, j) } else { 0.0 },
+        )
     }
 
     /// The largest magnitude of an entry.

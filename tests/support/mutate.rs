@@ -118,10 +118,8 @@ impl Corpus {
         let (from, to) = (place(text, random), place(other, random));
         let line = |text: &str, at: usize| text[..at].rfind('\n').map_or(0, |end| end + 1);
         // Half of the time at the beginning of a line.
-        let (from, to) = match random.once_in(2) {
-            true => (line(text, from), line(other, to)),
-            false => (from, to),
-        };
+        let (from, to) =
+            if random.once_in(2) { (line(text, from), line(other, to)) } else { (from, to) };
         text.replace_range(from.., &other[to..]);
     }
 }
@@ -136,9 +134,10 @@ pub fn words(text: &str) -> Vec<&str> {
     let mut rest = text;
     while let Some(first) = rest.chars().next() {
         let belongs = |c: char| c.is_alphanumeric() || c == '_' || c == '-' || c == '.';
-        let length = match belongs(first) {
-            true => rest.find(|c: char| !belongs(c)).unwrap_or(rest.len()),
-            false => first.len_utf8(),
+        let length = if belongs(first) {
+            rest.find(|c: char| !belongs(c)).unwrap_or(rest.len())
+        } else {
+            first.len_utf8()
         };
         found.push(&rest[..length]);
         rest = &rest[length..];
@@ -174,10 +173,7 @@ fn change_line(text: &mut String, random: &mut Random) {
     let mut lines: Vec<&str> = text.lines().collect();
     if !lines.is_empty() {
         let from = random.below(lines.len());
-        let line = match random.once_in(2) {
-            true => lines.remove(from),
-            false => lines[from],
-        };
+        let line = if random.once_in(2) { lines.remove(from) } else { lines[from] };
         if !random.once_in(3) {
             lines.insert(random.below(lines.len() + 1), line);
         }

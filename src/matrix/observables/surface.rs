@@ -82,9 +82,10 @@ impl ElementAxis {
         for (m, weight) in reference.weights.iter().enumerate() {
             faces.push(if m + 1 == count { 1.0 } else { faces[m] + weight });
         }
-        let parts: Vec<[f64; 2]> = match is_velocity {
-            true => vec![[-1.0, 1.0]],
-            false => faces.windows(2).map(|ends| [ends[0], ends[1]]).collect(),
+        let parts: Vec<[f64; 2]> = if is_velocity {
+            vec![[-1.0, 1.0]]
+        } else {
+            faces.windows(2).map(|ends| [ends[0], ends[1]]).collect()
         };
         let points = if is_velocity { VELOCITY_POINTS[n - 1] * count } else { SPACE_POINTS[n - 1] };
         let rule = gauss_legendre(points);
@@ -262,9 +263,10 @@ impl SurfacePatch<'_> {
         let square = |set: AxisSet| minors.iter().find(|m| m.0 == set).map_or(0.0, |m| m.1 * m.1);
         let all: f64 = minors.iter().map(|m| m.1 * m.1).sum();
         let along_velocities = smooth_step(square(velocities) / (STEEP * all));
-        let counts = match solved == velocities {
-            true => along_velocities,
-            false => (1.0 - along_velocities) * square(solved) / (all - square(velocities)),
+        let counts = if solved == velocities {
+            along_velocities
+        } else {
+            (1.0 - along_velocities) * square(solved) / (all - square(velocities))
         };
         if part == 0.0 || counts.is_nan() || counts <= 0.0 {
             return None;
@@ -274,9 +276,12 @@ impl SurfacePatch<'_> {
             .collect();
         let volume: f64 = self.space.axes().map(|axis| axis.width()).product();
         let density = evaluate(&self.phi, &bases) / square(solved).sqrt();
-        let cell: [usize; MAX_DIMENSION] = std::array::from_fn(|a| match a < n {
-            true => self.element.index[a] * self.lines[a].nodes.count() + self.lines[a].cell(xi[a]),
-            false => 0,
+        let cell: [usize; MAX_DIMENSION] = std::array::from_fn(|a| {
+            if a < n {
+                self.element.index[a] * self.lines[a].nodes.count() + self.lines[a].cell(xi[a])
+            } else {
+                0
+            }
         });
         let cell = position(share, &cell).expect("the element is in the share");
         let mass = part * counts * weight * volume * density;
@@ -303,9 +308,10 @@ impl SurfacePatch<'_> {
             (self.lines.iter().zip(xi).enumerate())
                 .map(|(b, (line, xi))| {
                     let coordinate = line.coordinate(*xi);
-                    match b == derived {
-                        true => basis_slopes(line.nodes.degree, coordinate),
-                        false => basis(line.nodes.degree, coordinate),
+                    if b == derived {
+                        basis_slopes(line.nodes.degree, coordinate)
+                    } else {
+                        basis(line.nodes.degree, coordinate)
                     }
                 })
                 .collect()

@@ -204,10 +204,8 @@ fn half(coefficients: &[f64], shape: &[usize], axis: usize, upper: bool) -> Vec<
             for done in 1..count {
                 // Means of neighbours; finished values stay at the side of the half.
                 for j in 0..count - done {
-                    let (to, from) = match upper {
-                        true => (j, j + 1),
-                        false => (count - 1 - j, count - 2 - j),
-                    };
+                    let (to, from) =
+                        if upper { (j, j + 1) } else { (count - 1 - j, count - 2 - j) };
                     let [to, from] = [to, from].map(|j| j * stride + s);
                     slab[to] = 0.5 * (slab[to] + slab[from]);
                 }

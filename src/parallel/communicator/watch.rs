@@ -5,7 +5,7 @@
 //! its own looks and no time: where the whole job is suspended (by Slurm, by a checkpoint of the
 //! machine), the watch is suspended with it. A rank that a debugger holds is in another state.
 
-use crate::base::log::report;
+use crate::base::log::eprint_wrapped;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::*;
 use rustix::process::{Pid, Signal, kill_process};
@@ -41,7 +41,7 @@ impl RankWatch {
         let rank = world.rank();
         let checks = checks().unwrap_or_else(|value| {
             if rank == 0 {
-                report(&format!(
+                eprint_wrapped(&format!(
                     "warning: {TIMEOUT_VARIABLE}={value} is not a number of seconds (0 or more, 0: \
                      never); using {USUAL_CHECKS}"
                 ));
@@ -156,7 +156,7 @@ impl WatchedRank {
 
     /// Launchers end a job of which a rank was killed. Where one does not, this rank ends it.
     fn end_job(&self) {
-        report(&format!(
+        eprint_wrapped(&format!(
             "phasewarp: rank {} (process {}) was stopped by a signal {} s ago; ending the job",
             self.rank,
             self.id.as_raw_nonzero(),

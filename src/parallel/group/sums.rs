@@ -76,10 +76,8 @@ impl Group {
             totals[part] = [totals[part][0] + coarse, totals[part][1] + fine];
         }
         self.sum_integers(totals.as_flattened_mut());
-        let sum = |((fixed, total), bound): ((&FixedPoint, [i64; 2]), f64)| match bound.is_finite()
-        {
-            true => fixed.join(total),
-            false => f64::NAN,
+        let sum = |((fixed, total), bound): ((&FixedPoint, [i64; 2]), f64)| {
+            if bound.is_finite() { fixed.join(total) } else { f64::NAN }
         };
         fixed.iter().zip(totals).zip(bounds).map(sum).collect()
     }

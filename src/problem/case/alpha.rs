@@ -101,12 +101,13 @@ fn shown(alpha: &Expression, p: f64) -> String {
 /// The error of a formula with which `g(p)` is too large or undefined.
 fn unbounded(alpha: &Expression, p: f64) -> String {
     let (a, g) = (shown(alpha, p), value(alpha, p));
-    match g.is_nan() {
-        true => format!("is {a} at p = {p:.6}; a number expected for every p < 0"),
-        false => format!(
+    if g.is_nan() {
+        format!("is {a} at p = {p:.6}; a number expected for every p < 0")
+    } else {
+        format!(
             "is {a} at p = {p:.6}, where g = e^(alpha p) = {g:.1e}; at most \
-             {LARGEST_EXTENSION:e} for p < 0"
-        ),
+         {LARGEST_EXTENSION:e} for p < 0"
+        )
     }
 }
 

@@ -8,6 +8,9 @@ use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::limits::{LARGEST_NUMBER, MOST_CELLS, MOST_SPACE_CELLS};
 use serde::Deserialize;
 
+/// The key of the degree of all axes without one of their own.
+pub const DEGREE_KEY: &str = "scheme.degree";
+
 /// One table `[[axis]]`: a space axis and its velocity axis.
 #[derive(Debug, Deserialize)]
 pub struct AxisPair {
@@ -91,7 +94,7 @@ fn key_of_grid_size(file: &CaseFile<'_>, pairs: usize) -> String {
 
 /// The grid; `degree` is the default for axes that give none.
 pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<PhaseSpace> {
-    checked_degree(file, "scheme.degree", degree)?;
+    checked_degree(file, DEGREE_KEY, degree)?;
     if pairs.is_empty() || pairs.len() > MAX_DIMENSION {
         let message = format!(
             "{} tables given; one [[axis]] per space dimension expected, 1 to {MAX_DIMENSION}",
@@ -115,7 +118,7 @@ pub fn space(file: &CaseFile<'_>, pairs: &[AxisPair], degree: i64) -> Result<Pha
         }
         space.periodic[a] = x.boundary == Some(Boundary::Periodic);
         let degree_of = |table: &AxisTable, key: &str| match table.degree {
-            None => checked_degree(file, "scheme.degree", degree),
+            None => checked_degree(file, DEGREE_KEY, degree),
             Some(own) => checked_degree(file, &format!("{key}.degree"), own),
         };
         let (kx, kv) = (degree_of(x, &x_key)?, degree_of(v, &v_key)?);

@@ -52,7 +52,10 @@ impl Case {
             _ if self.is_galerkin() => Some(Conflict::new(
                 key,
                 "only the upwind scheme of degree 0 without partial reflection has limited slopes",
-                "; leave it out, or leave out scheme.degree, scheme.flux and potential.reflection",
+                format!(
+                    "; leave it out, or leave out {}, scheme.flux and potential.reflection",
+                    self.degree_keys(self.space.degree())
+                ),
             )),
             _ if self.varies() => Some(Conflict::new(
                 key,
@@ -86,7 +89,7 @@ impl Case {
             return Some(Conflict::new(
                 "scheme.flux",
                 reason,
-                "; leave it out, or give scheme.degree",
+                format!("; leave it out, or give {} above 0", self.degree_keys(0)),
             ));
         }
         let a = self.space.v.iter().position(|v| v.nodes.degree == 0)?;

@@ -149,6 +149,11 @@ impl TableOf {
         }
     }
 
+    /// The key of the table's file.
+    pub fn file_key(self) -> String {
+        format!("{}.file", self.key())
+    }
+
     /// The names that the axes of the table may have in `n` dimensions.
     fn names(self, n: usize) -> Names {
         match self {
@@ -332,8 +337,9 @@ impl RegionTable {
             ["value", "interpolation"].map(|key| format!("potential.{i}.{key}"));
         match self.table(file, i, n)? {
             Some(_) if self.value.is_some() => {
-                let table = TableOf::Potential(i).key();
-                file.refuse(&value, format!("give either {table}, or {value}"))
+                let table = TableOf::Potential(i);
+                let message = format!("give either {}, or {value}", table.key());
+                file.refuse_either([&value, &table.file_key()], message)
             }
             Some(table) => Ok(table.unread()),
             None if self.interpolation.is_some() => {
@@ -387,7 +393,7 @@ impl FileTable {
     }
 
     fn check(&self, file: &CaseFile<'_>, of: TableOf, n: usize) -> Result<TableFile> {
-        let key = format!("{}.file", of.key());
+        let key = of.file_key();
         let path = path_of(file, &key, self.file.as_ref(), "table.h5")?;
         let path = file.required(&key, path, "the path of an HDF5 or CSV file")?;
         let mut found = TableFile::new(of, &path, &file.place(&key), n);
@@ -515,7 +521,10 @@ impl InflowTable {
     fn check(&self, file: &CaseFile<'_>, n: usize, default: &str) -> Result<Inflow> {
         if let Some(table) = FileTable::read(&self.table, file, TableOf::Inflow, n)? {
             return match &self.value {
-                Some(_) => file.refuse("inflow.value", "give either inflow.table, or inflow.value"),
+                Some(_) => file.refuse_either(
+                    ["inflow.value", &TableOf::Inflow.file_key()],
+                    "give either inflow.table, or inflow.value",
+                ),
                 None => Ok(Inflow::Formula(table.unread())),
             };
         }
@@ -552,11 +561,15 @@ impl InitialTable {
     ) -> Result<(Data, Vec<LiouvilleField>)> {
         let keys = ["initial.f", "initial.density", "initial.velocity"];
         let given = |keys: &[&'static str]| keys.iter().copied().find(|key| file.has(key));
-        for (key, is_given) in
-            [("initial.warped", self.warped.is_some()), ("initial.table", self.table.is_some())]
-        {
-            if is_given && let Some(other) = given(&keys) {
-                return file.refuse(other, format!("give either {key}, or {other}"));
+        let table_key = TableOf::Initial.file_key();
+        if let Some(other) = given(&keys) {
+            if self.warped.is_some() {
+                let message = format!("give either initial.warped, or {other}");
+                return file.refuse_either([other, "initial.warped"], message);
+            }
+            if self.table.is_some() {
+                let message = format!("give either initial.table, or {other}");
+                return file.refuse_either([other, &table_key], message);
             }
         }
         if given(&keys[1..]).is_some() {
@@ -567,7 +580,7 @@ impl InitialTable {
         let initial = match (&self.warped, table) {
             (Some(_), Some(_)) => {
                 let message = "give either initial.warped, or initial.table";
-                return file.refuse("initial.table", message);
+                return file.refuse_either([&table_key, "initial.warped"], message);
             }
             // f(0) is unknown; the formula 0 is a placeholder that is not used.
             (Some(_), None) => file.formula("initial.warped", "0", &names)?,
@@ -587,7 +600,9 @@ impl InitialTable {
     ) -> Result<(Data, Vec<LiouvilleField>)> {
         if self.f.is_some() {
             let message = "give either initial.f, or initial.density and initial.velocity";
-            return file.refuse("initial.f", message);
+            let [density, velocity] = ["initial.density", "initial.velocity"];
+            let measure = if file.has(density) { density } else { velocity };
+            return file.refuse_either(["initial.f", measure], message);
         }
         let names = names_of_space(n);
         let density = required_formula(file, "initial.density", &self.density, &names)?;
@@ -617,7 +632,7 @@ impl InitialTable {
     }
 
     /// The file that `initial.warped` names, if the case gives it.
-    pub fn start(&self, file: &CaseFile<'_>) -> Result<Option<WarpedStart>> {
+    pub fn warped_start(&self, file: &CaseFile<'_>) -> Result<Option<WarpedStart>> {
         let path = path_of(file, "initial.warped", self.warped.as_ref(), "warped_f.h5")?;
         let place = file.place("initial.warped");
         Ok(path.map(|path| WarpedStart { path, place }))
@@ -631,7 +646,8 @@ impl InitialTable {
             return Ok(None);
         };
         if self.warped.is_some() {
-            return file.refuse(key, "give either initial.warped, or initial.field and initial.f");
+            let message = "give either initial.warped, or initial.field and initial.f";
+            return file.refuse_either([key, "initial.warped"], message);
         }
         if data.is_measure() {
             return file.refuse(
@@ -673,7 +689,10 @@ impl ExactTable {
             (None, None) => Ok(None),
             (None, Some(f)) => Ok(Some(Exact::Formula(f))),
             (Some(ExactKind::Characteristics), None) => Ok(Some(Exact::Characteristics)),
-            (Some(_), Some(_)) => file.refuse("exact.f", "give either exact.kind or exact.f"),
+            (Some(_), Some(_)) => {
+                let message = "give either exact.kind or exact.f";
+                file.refuse_either(["exact.f", "exact.kind"], message)
+            }
         }
     }
 

@@ -200,6 +200,13 @@ impl<'t> CaseFile<'t> {
         Err(self.error(key, message.as_ref()))
     }
 
+    /// Refuses two keys that exclude each other: the one that a later `--set` gives, else the
+    /// first.
+    pub fn refuse_either<T>(&self, keys: [&str; 2], message: impl AsRef<str>) -> Result<T> {
+        let [set, other] = keys.map(|key| self.override_of(key));
+        self.refuse(if other > set { keys[1] } else { keys[0] }, message)
+    }
+
     /// `value`, if it lies in `range`.
     pub fn within(
         &self,

@@ -51,6 +51,19 @@ pub struct OutputTimes {
     pub start: Option<OutputTime>,
     /// The output times between start and end, ascending.
     pub between: Vec<OutputTime>,
+    /// The intervals of which no multiple is an output time.
+    pub idle: Vec<IdleInterval>,
+}
+
+/// `output.moments_every` or `output.fields_every`, if it is longer than the run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IdleInterval {
+    /// The key.
+    pub key: &'static str,
+    /// The interval.
+    pub every: f64,
+    /// Whether the key still adds the start to the output times.
+    pub adds_start: bool,
 }
 
 /// How the fields are stored in `result.h5`.
@@ -78,6 +91,13 @@ impl Storage {
             None => 0,
         }
     }
+}
+
+/// The times of `moments_every` and `fields_every`.
+struct RepeatedTimes {
+    times: Vec<OutputTime>,
+    /// The intervals of which no multiple is among them.
+    idle: Vec<IdleInterval>,
 }
 
 /// `[output]` as it is written.
@@ -113,7 +133,8 @@ impl OutputTable {
     /// is `known`.
     pub fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
         let mut times = self.listed(file, &run, known)?;
-        times.extend(self.repeated(file, &run, known)?);
+        let repeated = self.repeated(file, &run, known)?;
+        times.extend(repeated.times);
         let mut times = merged(times, shortest_distance(&run));
         if times.len() > MOST_TIMES {
             let message = format!("{} times in all; at most {MOST_TIMES}", times.len());
@@ -123,6 +144,7 @@ impl OutputTable {
         Ok(OutputTimes {
             start: at_start,
             between: times.split_off(usize::from(at_start.is_some())),
+            idle: repeated.idle,
         })
     }
 
@@ -163,9 +185,9 @@ impl OutputTable {
         file: &CaseFile<'_>,
         run: &Range<f64>,
         known: bool,
-    ) -> Result<Vec<OutputTime>> {
+    ) -> Result<RepeatedTimes> {
         let Range { start, end } = *run;
-        let mut times = Vec::new();
+        let (mut times, mut idle) = (Vec::new(), Vec::new());
         let intervals = [
             ("output.moments_every", self.moments_every, false),
             ("output.fields_every", self.fields_every, true),
@@ -180,13 +202,18 @@ impl OutputTable {
                 return file.refuse(key, message);
             }
             // A movie of the fields begins with the field at the start.
-            times.extend((fields && known).then_some(OutputTime { time: start, fields }));
+            let adds_start = fields && known;
+            times.extend(adds_start.then_some(OutputTime { time: start, fields }));
             let first = (start / every).floor();
             let multiples = (1..=MOST_TIMES + 1).map(|k| (first + k as f64) * every);
             let multiples = multiples.filter(|&t| t > start && is_before_end(run, t));
+            let mut multiples = multiples.peekable();
+            if multiples.peek().is_none() {
+                idle.push(IdleInterval { key, every, adds_start });
+            }
             times.extend(multiples.map(|time| OutputTime { time, fields }));
         }
-        Ok(times)
+        Ok(RepeatedTimes { times, idle })
     }
 
     /// Checks `plateau`.

@@ -299,9 +299,10 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
                 !words.contains(&text)
                     && (!is_word(text) || number_of(text, self.constants).is_ok())
             };
-            return match self.value.as_str().is_some_and(is_formula) {
-                true => visitor.visit_f64(self.number()?),
-                false => self.deserialize_any(visitor),
+            return if self.value.as_str().is_some_and(is_formula) {
+                visitor.visit_f64(self.number()?)
+            } else {
+                self.deserialize_any(visitor)
             };
         }
         match self.value.as_str() {

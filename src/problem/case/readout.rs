@@ -105,7 +105,7 @@ impl ReadoutTable {
         let (key, List(rows)) = match (&self.cells, &self.points) {
             (Some(_), Some(_)) => {
                 let message = "give either readout.cells or readout.points";
-                return file.refuse("readout.points", message);
+                return file.refuse_either(["readout.points", "readout.cells"], message);
             }
             (Some(rows), None) => ("readout.cells", rows),
             (None, Some(rows)) => ("readout.points", rows),
@@ -134,9 +134,10 @@ impl ReadoutTable {
                 let cell = if by_number { cell_of_number(axis, x) } else { axis.cell_holding(x) };
                 cell.map_or_else(
                     || {
-                        let allowed = match by_number {
-                            true => format!("whole numbers from 0 to {}", axis.cells - 1),
-                            false => format!("numbers from {} to {}", axis.lower, axis.upper),
+                        let allowed = if by_number {
+                            format!("whole numbers from 0 to {}", axis.cells - 1)
+                        } else {
+                            format!("numbers from {} to {}", axis.lower, axis.upper)
                         };
                         let name = SPACE_NAMES[a];
                         file.refuse(key, format!("{x} along {name}; {allowed} expected"))

@@ -1,7 +1,7 @@
 //! `[time]`, `[scheme]`, `[checkpoint]`, and `[solver]` without `solver.warp`.
 
 use crate::base::error::Result;
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::warp::WarpTable;
 use crate::problem::limits::{LARGEST_NUMBER, LARGEST_TOLERANCE, MOST_STEPS};
@@ -186,10 +186,7 @@ impl SchemeTable {
     /// has no such law. It conserves what the law `conservative` does, so it is reported by that
     /// name.
     pub fn law(&self, couples_by_energy: bool) -> Interface {
-        match couples_by_energy {
-            true => Interface::Conservative,
-            false => self.interface.unwrap_or_default(),
-        }
+        if couples_by_energy { Interface::Conservative } else { self.interface.unwrap_or_default() }
     }
 
     /// The parameter `α` of the numerical flux between elements, from 0 (central) to 1 (upwind).
@@ -253,7 +250,7 @@ impl Propagation {
         let key = "solver.propagator.step";
         match self.step {
             None if self.method.order() > 0 => {
-                let method = word(&self.method);
+                let method = choice_text(&self.method);
                 file.refuse(key, format!("missing; \"{method}\" needs a time step above 0"))
             }
             Some(_) if !self.method.takes_step() => file.refuse(
@@ -261,7 +258,7 @@ impl Propagation {
                 format!(
                     "solver.propagator.method = \"{}\" takes the whole time at once; leave it out, \
                      or choose a method with time steps",
-                    word(&self.method)
+                    choice_text(&self.method)
                 ),
             ),
             Some(step) if !(time / step > 0.0 && time / step <= MOST_STEPS) => file.refuse(

@@ -29,7 +29,7 @@ impl Case {
         if self.positive {
             self.check_positive(file)?;
         }
-        if self.start.is_some() {
+        if self.warped_start.is_some() {
             self.check_warped_start(file)?;
         }
         if !self.reduce.modes && self.method == Method::Schrodingerized {
@@ -94,8 +94,14 @@ impl Case {
     /// is asked for.
     fn check_positive(&self, file: &CaseFile<'_>) -> Result<()> {
         let conflict = if self.space.degree() == 0 {
-            "a cell of degree 0 has one value, its average, which is kept: there is nothing to \
-             scale; leave it out, or choose scheme.degree above 0"
+            let keys = self.degree_keys(0);
+            return file.refuse(
+                "output.positive",
+                format!(
+                    "a cell of degree 0 has one value, its average, which is kept: there is \
+                     nothing to scale; leave it out, or choose {keys} above 0"
+                ),
+            );
         } else if self.shown_times().next().is_some() {
             "limits the field at the end only; leave it or the output times out"
         } else if self.readout.is_some() {
@@ -168,7 +174,7 @@ impl Case {
     /// Refuses modes of both signs where only `l ≥ 0` are supported. If they follow from
     /// `solver.reduce = false`, `l ≥ 0` are used.
     fn check_every_mode(&mut self, file: &CaseFile<'_>) -> Result<()> {
-        let why = if self.warped_field || self.start.is_some() {
+        let why = if self.warped_field || self.warped_start.is_some() {
             "the warped field is kept by its modes l >= 0"
         } else if self.propagator.method.order() > 0 {
             "crank-nicolson and backward-euler take modes l >= 0 only"

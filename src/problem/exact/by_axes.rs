@@ -113,9 +113,10 @@ impl AxisPiece {
         let (lower, upper) = (first.lower, last.upper);
         let slope = pieces.iter().map(|piece| piece.slope).sum::<f64>() / pieces.len() as f64;
         let is_bent = pieces.iter().any(|piece| piece.curvature != 0.0);
-        let curvature = match is_bent && pieces.len() > 1 {
-            true => (last.slope - first.slope) / (last.centre - first.centre),
-            false => first.curvature,
+        let curvature = if is_bent && pieces.len() > 1 {
+            (last.slope - first.slope) / (last.centre - first.centre)
+        } else {
+            first.curvature
         };
         let joined = Self { lower, upper, centre: 0.5 * (lower + upper), slope, curvature };
         let fits = |piece: &Self| (joined.slope_at(piece.centre) - piece.slope).abs() <= tolerance;
@@ -153,9 +154,10 @@ impl AxisLine {
     /// All axes; none if a velocity box does not contain zero. Velocities are `w = direction · v`.
     pub(super) fn all(potential: &TracedPotential, direction: f64) -> Vec<Self> {
         let space = &potential.space;
-        match space.v.iter().all(|v| v.lower <= 0.0 && v.upper >= 0.0) {
-            true => (0..space.dimension()).map(|a| Self::along(potential, a, direction)).collect(),
-            false => Vec::new(),
+        if space.v.iter().all(|v| v.lower <= 0.0 && v.upper >= 0.0) {
+            (0..space.dimension()).map(|a| Self::along(potential, a, direction)).collect()
+        } else {
+            Vec::new()
         }
     }
 
@@ -176,9 +178,8 @@ impl AxisLine {
             curvature: potential.curvatures(&at(i))[a],
         };
         let cells: Vec<AxisPiece> = (0..axis.cells).map(cell).collect();
-        let jump = |i: usize| match 0 < i && i < axis.cells {
-            true => potential.linear.jump_below(&at(i), a),
-            false => 0.0,
+        let jump = |i: usize| {
+            if 0 < i && i < axis.cells { potential.linear.jump_below(&at(i), a) } else { 0.0 }
         };
         let tolerance = SAME * potential.steepest(a);
         let goes_on = |i: usize| {
@@ -289,10 +290,12 @@ impl AxisLine {
             (particle.piece, particle.w) = (here, -particle.w);
         }
         let slow = particle.w * particle.w <= self.rest;
-        match (self.box_ends[0]..=self.box_ends[1]).contains(&particle.w) {
-            _ if slow => AtFace::Rare,
-            true => AtFace::Goes,
-            false => AtFace::Leaves,
+        if slow {
+            AtFace::Rare
+        } else if (self.box_ends[0]..=self.box_ends[1]).contains(&particle.w) {
+            AtFace::Goes
+        } else {
+            AtFace::Leaves
         }
     }
 }

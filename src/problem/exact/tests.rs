@@ -396,9 +396,10 @@ fn quadratic_potentials_are_exact() {
                     let path = tracer.follow(&point, *time);
                     let along = |k: f64, middle: f64, x: f64, v: f64| {
                         let (t, rate) = (sign * time, k.abs().sqrt());
-                        let (sin, cos) = match k > 0.0 {
-                            true => (rate * t).sin_cos(),
-                            false => ((rate * t).sinh(), (rate * t).cosh()),
+                        let (sin, cos) = if k > 0.0 {
+                            (rate * t).sin_cos()
+                        } else {
+                            ((rate * t).sinh(), (rate * t).cosh())
                         };
                         let x = x - middle;
                         let bent = if k > 0.0 { -rate } else { rate };

@@ -1,7 +1,8 @@
 //! Reads the text of a formula by recursive descent.
 
 use crate::problem::formula::tree::{
-    Binary, COMPARISONS, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, FormulaNode, OPERATORS, POWER, compare,
+    Binary, COMPARISONS, ELSE, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, FormulaNode, IF, OPERATORS,
+    POWER, compare,
 };
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -28,12 +29,21 @@ pub(super) fn parse(
         let length = text.len();
         return Err(format!("the formula has {length} characters; at most {LONGEST} are read"));
     }
-    let mut parser = Parser { tokens: tokenize(text)?, position: 0, depth: 0, names, constants };
+    let mut parser = Parser {
+        tokens: tokenize(text)?,
+        position: 0,
+        depth: 0,
+        names,
+        constants,
+        zero_divisions: Vec::new(),
+        condition: None,
+    };
     let tree = parser.expression()?;
-    match parser.peek() {
-        Some(Token { text, at }) => {
-            Err(format!("unexpected \"{text}\" at character {at}{}", instead(text)))
-        }
+    if let Some(Token { text, at }) = parser.peek() {
+        return Err(format!("unexpected \"{text}\" at character {at}{}", instead(text)));
+    }
+    match parser.zero_divisions.first() {
+        Some(at) => Err(format!("division by zero at character {at}: what follows is always 0")),
         None => Ok(tree),
     }
 }
@@ -139,6 +149,11 @@ struct Parser<'a> {
     depth: usize,
     names: &'a [&'a [&'a str]],
     constants: &'a Constants,
+    /// The positions of divisions by the constant 0, without those that a constant condition of
+    /// `if` leaves out: with a constant `w = 0`, `x/w if w > 0 else 0` is 0.
+    zero_divisions: Vec<usize>,
+    /// The condition of the last `if` that was read, if it is constant.
+    condition: Option<f64>,
 }
 
 impl<'a> Parser<'a> {
@@ -187,9 +202,12 @@ impl<'a> Parser<'a> {
     /// Reads `tighter (operator tighter)*` with the operators of `precedence`.
     fn chain(&mut self, precedence: usize) -> Result<FormulaNode, String> {
         let Some(operators) = OPERATORS.get(precedence) else { return self.nested(Self::operand) };
+        let first_division = self.zero_divisions.len();
         let mut first = self.chain(precedence + 1)?;
         let mut rest: Vec<(Binary, FormulaNode)> = Vec::new();
         let mut compared = false;
+        // Only what stands right before an `else` is its condition.
+        let mut condition = self.condition.take().filter(|_| precedence == ELSE);
         while let Some(Token { text, at }) = self.peek()
             && let Some((_, operator)) = operators.iter().find(|(name, _)| *name == text)
         {
@@ -200,13 +218,31 @@ impl<'a> Parser<'a> {
             }
             compared = precedence == COMPARISONS;
             self.position += 1;
-            match (&first, self.chain(precedence + 1)?) {
+            let division = self.zero_divisions.len();
+            let right = self.chain(precedence + 1)?;
+            let value = if let FormulaNode::Number(value) = right { Some(value) } else { None };
+            match precedence {
+                ELSE if condition.is_some_and(|c| c != 0.0) => {
+                    self.zero_divisions.truncate(division);
+                }
+                ELSE => condition = self.condition.take(),
+                IF => {
+                    condition = value;
+                    if value == Some(0.0) {
+                        self.zero_divisions.drain(first_division..division);
+                    }
+                }
+                _ if text == "/" && value == Some(0.0) => self.zero_divisions.push(at),
+                _ => {}
+            }
+            match (&first, right) {
                 (FormulaNode::Number(a), FormulaNode::Number(b)) if rest.is_empty() => {
                     first = FormulaNode::Number((operator.of)(*a, b));
                 }
                 (_, right) => rest.push((*operator, right)),
             }
         }
+        self.condition = condition.filter(|_| precedence == IF);
         Ok(if rest.is_empty() { first } else { FormulaNode::Chain(Box::new(first), rest) })
     }
 

@@ -58,6 +58,10 @@ pub(super) const OPERATORS: [&[(&str, Binary)]; 7] = [
     &[("+", binary!(|a, b| a + b)), ("-", binary!(|a, b| a - b))],
     &[("*", TIMES), ("/", binary!(|a, b| a / b))],
 ];
+/// The precedence of `else`.
+pub(super) const ELSE: usize = 0;
+/// The precedence of `if`.
+pub(super) const IF: usize = 1;
 /// The precedence of the comparisons, which do not chain.
 pub(super) const COMPARISONS: usize = 4;
 

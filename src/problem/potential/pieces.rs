@@ -77,9 +77,8 @@ pub(super) fn spread(
     /// The golden section, whose multiples modulo 1 fill `[0, 1)` evenly.
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let all: usize = axes.iter().map(|axis| axis.cells).product();
-    let index = move |k: usize| match all <= most {
-        true => k,
-        false => ((k as f64 * GOLDEN).fract() * all as f64) as usize,
+    let index = move |k: usize| {
+        if all <= most { k } else { ((k as f64 * GOLDEN).fract() * all as f64) as usize }
     };
     (0..all.min(most)).map(index).map(move |mut index| {
         let mut element = [0; MAX_DIMENSION];

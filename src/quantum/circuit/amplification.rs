@@ -39,9 +39,10 @@ impl AmplifiedRegisters {
         let inside = [(flags[0], false), (flags[1], true)];
         let wanted = if warped.is_empty() { zeros.clone() } else { [&inside, &zeros[..]].concat() };
         c.comment("about the wanted outcomes");
-        match warped.is_empty() {
-            true => change_sign(c, &wanted),
-            false => c.within(compare, |c| change_sign(c, &wanted)),
+        if warped.is_empty() {
+            change_sign(c, &wanted)
+        } else {
+            c.within(compare, |c| change_sign(c, &wanted))
         }
         c.give_back(&flags);
         c.comment("about the start");

@@ -2,7 +2,7 @@
 //! why there are none.
 
 use crate::base::error::{Error, Result};
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
@@ -102,7 +102,8 @@ fn has_skew_flow(case: &Case) -> Result<bool> {
 fn unknown_choice(case: &Case) -> Option<String> {
     let degree = case.space.degree();
     if degree > 0 {
-        return Some(format!("scheme.degree = {degree}; the circuit is of degree 0"));
+        let keys = case.degree_keys(degree);
+        return Some(format!("{keys} = {degree}; the circuit is of degree 0"));
     }
     if case.reflects() {
         let what = "potential.reflection: the circuit transmits or reflects all of a level";
@@ -113,7 +114,7 @@ fn unknown_choice(case: &Case) -> Option<String> {
             "scheme.interface = \"{}\"; the circuit moves whole levels of energy, as \
              scheme.interface = \"conservative\" does, which `export-circuit` takes where the case \
              names no interface",
-            word(&case.interface)
+            choice_text(&case.interface)
         ));
     }
     case.embeds().then(|| {

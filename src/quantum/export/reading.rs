@@ -89,9 +89,10 @@ impl PointGrid {
         let (point, period) = (warp.readings[0].point, series.period);
         let width = period / points as f64;
         let steps = (point - warp.interval[0]) / width;
-        let (lower, index) = match series.last_is_unpaired {
-            true => (warp.interval[0], (steps - 1e-9).ceil()),
-            false => (point - steps.floor() * width, steps.floor()),
+        let (lower, index) = if series.last_is_unpaired {
+            (warp.interval[0], (steps - 1e-9).ceil())
+        } else {
+            (point - steps.floor() * width, steps.floor())
         };
         // Whole periods are free, and e^{p◇} is that of p◇ itself, not of an image.
         let lower = lower + (index / points as f64).floor() * period;

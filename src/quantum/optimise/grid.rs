@@ -58,9 +58,10 @@ impl<'a> PricedGrid<'a> {
         order.retain(|&k| self.candidates[k].cost.is_none());
         for due in order.chunks(ranks) {
             let known = self.of_values(most);
-            let sought = match known.len() < most {
-                true => limit,
-                false => known.last().map_or(limit, |&k| self.cost(k).min(limit)),
+            let sought = if known.len() < most {
+                limit
+            } else {
+                known.last().map_or(limit, |&k| self.cost(k).min(limit))
             };
             // Where one mode is the field, profiles are compared with it only: of those that cost
             // the same, of which there are many, the first will do.

@@ -155,9 +155,10 @@ fn short_name(choice: &CostedChoice) -> String {
 
 /// The name of a choice.
 fn name_of(choice: &CostedChoice) -> String {
-    match choice.unitary_scheme {
-        true => "unitary scheme, no p".to_owned(),
-        false => profile_text(&choice.profile),
+    if choice.unitary_scheme {
+        "unitary scheme, no p".to_owned()
+    } else {
+        profile_text(&choice.profile)
     }
 }
 

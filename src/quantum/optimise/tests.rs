@@ -220,9 +220,10 @@ impl<'a> Twin<'a> {
         for levels in [Levels::Hadamard, Levels::Uniform] {
             for rotated in [false, true] {
                 let of_register = PI * held as f64 / series.period;
-                let modes = match rotated {
-                    true => highest + (1.0 + highest * highest).sqrt(),
-                    false => 2.0 * of_register + 1.0,
+                let modes = if rotated {
+                    highest + (1.0 + highest * highest).sqrt()
+                } else {
+                    2.0 * of_register + 1.0
                 };
                 let period = series.period;
                 let register = &ModesOfRegister { held, period, highest };
@@ -265,9 +266,10 @@ impl<'a> Twin<'a> {
         let qubits = held.trailing_zeros() as usize;
         let transport = &self.transport;
         let [call, ends] = *self.tallies.entry((held, rotated, levels)).or_insert_with(|| {
-            let modes = match rotated {
-                true => CircuitModes::Rotated { qubits, period, highest },
-                false => CircuitModes::Register { qubits, period },
+            let modes = if rotated {
+                CircuitModes::Rotated { qubits, period, highest }
+            } else {
+                CircuitModes::Register { qubits, period }
             };
             [false, true].map(|control| Tally::of(&transport.encode(modes, levels, control)))
         });

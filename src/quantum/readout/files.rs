@@ -87,9 +87,8 @@ impl Readout {
     pub fn csv(&self) -> String {
         let figures = COLUMNS.map(|(name, _)| name)[4..].join(",");
         let mut text = format!("cell,point,observable,value,estimator,{figures},unavailable\n");
-        let text_of = |x: f64| match x.fract() == 0.0 && x.abs() < 1e15 {
-            true => format!("{x:.0}"),
-            false => format!("{x:?}"),
+        let text_of = |x: f64| {
+            if x.fract() == 0.0 && x.abs() < 1e15 { format!("{x:.0}") } else { format!("{x:?}") }
         };
         let number = |figure: &LabelledNumber| figure.value().map_or(String::new(), text_of);
         for row in &self.rows {

@@ -51,9 +51,10 @@ pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
 fn set_estimate(measured: &mut Measured, estimate: Estimate, estimator: OverlapEstimator) {
     let no_variance = "the distribution has no variance in closed form; see bound";
     measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
-    measured.standard_error = match estimator.coherent() {
-        true => LabelledNumber::unavailable(no_variance),
-        false => LabelledNumber::estimate(estimate.error, "from the counts"),
+    measured.standard_error = if estimator.coherent() {
+        LabelledNumber::unavailable(no_variance)
+    } else {
+        LabelledNumber::estimate(estimate.error, "from the counts")
     };
 }
 
@@ -199,15 +200,14 @@ impl ReadoutContext<'_> {
     ) -> Option<(Overlap, f64)> {
         let volume = self.case.space.velocity_cell_volume();
         let of_field = self.source.norm() * volume * norm(self.factors.each().iter().map(|q| q[k]));
-        let prefactor = match estimator.enlarged() {
-            false => of_field,
-            true => {
-                // Σ e^{−2p_k} over the window is P_p C_w²/‖u‖².
-                let p = self.source.probabilities;
-                let state = p.norms.weighted.hypot(p.norms.auxiliary);
-                let part = p.nearest().in_p.value()?.sqrt();
-                state / part * volume * sums.unweighted[k].sqrt()
-            }
+        let prefactor = if !estimator.enlarged() {
+            of_field
+        } else {
+            // Σ e^{−2p_k} over the window is P_p C_w²/‖u‖².
+            let p = self.source.probabilities;
+            let state = p.norms.weighted.hypot(p.norms.auxiliary);
+            let part = p.nearest().in_p.value()?.sqrt();
+            state / part * volume * sums.unweighted[k].sqrt()
         };
         let value = sums.moments[k] * volume / prefactor;
         // Along an axis of one cell whose centre is 0 there is no momentum, and no state of it.
@@ -281,9 +281,10 @@ impl ReadoutContext<'_> {
             evolutions_repeated: repeated,
             evolutions_coherent: coherent,
             evolutions_norm: of_norm,
-            evaluations: match estimator.coherent() {
-                true => LabelledNumber::exact(repetitions.evaluations),
-                false => LabelledNumber::unavailable("shots, and no amplitude estimation"),
+            evaluations: if estimator.coherent() {
+                LabelledNumber::exact(repetitions.evaluations)
+            } else {
+                LabelledNumber::unavailable("shots, and no amplitude estimation")
             },
             ..measured
         }
@@ -474,12 +475,11 @@ impl ReadoutContext<'_> {
         if !probability.is_finite() {
             return self.source.probabilities.nearest().all.clone();
         }
-        let evaluations = match repetitions.norm_evaluations > 0.0 {
-            true => repetitions.norm_evaluations,
-            false => {
-                let [error, _] = self.of_norm(estimator, repetitions);
-                measurement::root_evaluations(probability, error)
-            }
+        let evaluations = if repetitions.norm_evaluations > 0.0 {
+            repetitions.norm_evaluations
+        } else {
+            let [error, _] = self.of_norm(estimator, repetitions);
+            measurement::root_evaluations(probability, error)
         };
         LabelledNumber::exact(measurement::preparations(evaluations))
     }
@@ -493,9 +493,10 @@ impl ReadoutContext<'_> {
         const WHY: &str = "the mean over postselections that fail";
         const ROUNDS: &str = "exact amplitude amplification; its failure is in the bound";
         let chain = self.source.probabilities.nearest();
-        let uses = match estimator.coherent() {
-            true => measurement::preparations(repetitions.evaluations),
-            false => repetitions.shots,
+        let uses = if estimator.coherent() {
+            measurement::preparations(repetitions.evaluations)
+        } else {
+            repetitions.shots
         };
         let times = |figure: &LabelledNumber, each: &dyn Fn(f64) -> f64, why| match figure.value() {
             Some(x) => LabelledNumber::estimate(uses * each(x), why),
@@ -564,12 +565,13 @@ fn ratio(rho: &MeasuredMoment, m: &MeasuredMoment) -> Measured {
     };
     Measured {
         estimate: LabelledNumber::estimate(velocity, "drawn at random"),
-        standard_error: match estimator.coherent() {
-            true => m.measured.standard_error.clone(),
-            false => LabelledNumber::estimate(
+        standard_error: if estimator.coherent() {
+            m.measured.standard_error.clone()
+        } else {
+            LabelledNumber::estimate(
                 above.error.hypot(velocity * below.error) / below.value.abs(),
                 "to first order in the errors of density and momentum",
-            ),
+            )
         },
         bound,
         ..without("")

@@ -268,10 +268,11 @@ fn an_accuracy_is_met_with_the_shots_that_it_needs() {
             assert!(number(&a.bound) > 0.04, "too many shots: {a:?}");
             // The number of shots grows like 1/ε², that of evaluations like 1/ε, rounded to a power
             // of two.
-            let grown = match a.estimator.coherent() {
-                true => (number(&b.evaluations) / number(&a.evaluations), 8.0..=16.0),
+            let grown = if a.estimator.coherent() {
+                (number(&b.evaluations) / number(&a.evaluations), 8.0..=16.0)
+            } else {
                 // The product of both errors is 1e-2 of the coarse error.
-                false => (number(&b.shots) / number(&a.shots), 97.0..=101.0),
+                (number(&b.shots) / number(&a.shots), 97.0..=101.0)
             };
             assert!(grown.1.contains(&grown.0), "{grown:?}");
         }

@@ -1,6 +1,6 @@
 //! A set-up as settings of the case, which make it the case's own.
 
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::{Case, Delta, Embedding, Shift};
 use serde::Serialize;
 use serde_json::Value;
@@ -36,7 +36,7 @@ impl SetUpSettings {
         let PlannedSetUp { points, period, bin_bits, .. } = *planned;
         let mut set = Vec::new();
         if !case.is_galerkin() {
-            set.push(format!("scheme.interface={}", word(&case.interface)));
+            set.push(format!("scheme.interface={}", choice_text(&case.interface)));
         }
         set.push(format!("solver.warp={{{}}}", of_warp(case, planned).join(",")));
         // A profile that is a series has an interval of its own.
@@ -89,7 +89,7 @@ fn of_warp(case: &Case, planned: &PlannedSetUp) -> Vec<String> {
         }
     }
     if warp.inflow != Embedding::Boundary {
-        entries.push(format!("inflow='{}'", word(&warp.inflow)));
+        entries.push(format!("inflow='{}'", choice_text(&warp.inflow)));
     }
     match warp.delta {
         Delta::Planned => {}

@@ -1,6 +1,6 @@
 //! The record as a table.
 
-use crate::base::text::{counted, joined, rounded, short, word};
+use crate::base::text::{choice_text, counted, joined, rounded, short};
 use crate::quantum::cost::table::CostTable;
 use crate::quantum::cost::{JumpRounding, ModeWeightsCost};
 use crate::quantum::labelled_number::LabelledNumber;
@@ -67,7 +67,7 @@ impl fmt::Display for SetupComparison {
                  {}; cheaper: {}",
                 sum.marked(),
                 rotations.marked(),
-                word(cheaper)
+                choice_text(cheaper)
             )?;
         }
         let set_ups = [
@@ -134,9 +134,10 @@ impl ResourceCounts {
         writeln!(f, "{}: {shape} = {} unknowns, {p}", self.title, self.unknowns)?;
         let weights = if self.weighted { ", with dissipative weights" } else { "" };
         let q = joined(&self.sparsity.q, ", ");
-        writeln!(f, "interface {}{weights}; Q = {q}", word(&self.interface))?;
+        writeln!(f, "interface {}{weights}; Q = {q}", choice_text(&self.interface))?;
         let setup = &self.setup;
-        let delta = setup.delta.map_or(String::new(), |delta| format!("; delta {}", word(&delta)));
+        let delta =
+            setup.delta.map_or(String::new(), |delta| format!("; delta {}", choice_text(&delta)));
         writeln!(
             f,
             "{}, {} up to mu = {}{delta}",

@@ -12,9 +12,8 @@ pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
     let along = |k: usize, axis: &PlotAxis| {
         let usable = |v: &f64| v.is_finite() && (axis.scale == Scale::Linear || *v > 0.0);
         let found = smallest_and_largest(places.iter().map(|place| place[k]).filter(usable));
-        axis.range.unwrap_or_else(|| match found[0] < found[1] && tight {
-            true => found,
-            false => with_margin(found, axis.scale),
+        axis.range.unwrap_or_else(|| {
+            if found[0] < found[1] && tight { found } else { with_margin(found, axis.scale) }
         })
     };
     [along(0, &panel.x), along(1, &panel.y)]
@@ -55,10 +54,12 @@ fn with_margin([lower, upper]: [f64; 2], scale: Scale) -> [f64; 2] {
         }
         Scale::Linear => {
             let largest = upper.abs().max(lower.abs());
-            let part = match upper - lower > ROUND_OFF * largest {
-                true => 0.05 * (upper - lower),
-                false if largest > 0.0 => 0.5 * largest,
-                false => 1.0,
+            let part = if upper - lower > ROUND_OFF * largest {
+                0.05 * (upper - lower)
+            } else if largest > 0.0 {
+                0.5 * largest
+            } else {
+                1.0
             };
             [lower - part, upper + part]
         }
@@ -71,10 +72,12 @@ pub fn map_range(map: &Map) -> [f64; 2] {
     let finite = map.values.iter().copied().filter(|v| v.is_finite());
     let [lower, upper] = map.range.unwrap_or_else(|| smallest_and_largest(finite));
     let half = 0.5 * lower.abs().max(1.0);
-    match upper > lower {
-        true => [lower, upper],
-        false if lower.is_finite() => [lower - half, lower + half],
-        false => [0.0, 1.0],
+    if upper > lower {
+        [lower, upper]
+    } else if lower.is_finite() {
+        [lower - half, lower + half]
+    } else {
+        [0.0, 1.0]
     }
 }
 

@@ -134,9 +134,10 @@ impl<'a> PanelFrame<'a> {
     /// Draws the title; a long one is broken into two lines of smaller letters.
     fn heading<DB: DrawingBackend>(&self, area: &Area<DB>, left: f64) -> Drawn {
         let title = &self.panel.title;
-        let lines = match text::width(title, HEADING) * BOLD <= self.size[0] {
-            true => vec![title.clone()],
-            false => text::wrapped(title, SMALL, self.size[0] / BOLD),
+        let lines = if text::width(title, HEADING) * BOLD <= self.size[0] {
+            vec![title.clone()]
+        } else {
+            text::wrapped(title, SMALL, self.size[0] / BOLD)
         };
         let (size, above) = match lines.len() {
             ..=1 => (HEADING, vec![12.0]),

@@ -124,9 +124,10 @@ pub fn marker<DB: DrawingBackend>(area: &Area<DB>, [x, y]: PixelPoint, style: &S
             let (centre, radius) = (rounded([x, y]), R.round() as i32);
             put(area, &Circle::new(centre, radius, fill.filled()))?;
             let edge = style.colour.stroke_width((1.3 * PIXELS) as u32);
-            return match style.filled {
-                true => Ok(()),
-                false => put(area, &Circle::new(centre, radius, edge)),
+            return if style.filled {
+                Ok(())
+            } else {
+                put(area, &Circle::new(centre, radius, edge))
             };
         }
         Marker::Cross => {

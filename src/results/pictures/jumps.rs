@@ -36,9 +36,10 @@ fn potential_along(run: &StoredRun, axes: &[usize], cut: &[usize]) -> Option<Pot
 /// A sentence of a caption if `V` jumps at the ends of the periodic axis `a`, where the frame hides
 /// the line.
 pub fn note_on_ends(run: &StoredRun, a: usize, jumps: &[f64]) -> String {
-    match jumps.contains(&run.axis(a).lower) {
-        true => format!(" V also jumps at the ends of {}, which is periodic.", run.names()[a]),
-        false => String::new(),
+    if jumps.contains(&run.axis(a).lower) {
+        format!(" V also jumps at the ends of {}, which is periodic.", run.names()[a])
+    } else {
+        String::new()
     }
 }
 

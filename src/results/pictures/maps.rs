@@ -24,10 +24,7 @@ pub fn columns(row: usize) -> usize {
 
 /// A panel with pieces of lines where `V` jumps, if there are any.
 pub fn bordered(panel: Panel, border: &[[f64; 2]]) -> Panel {
-    match border.is_empty() {
-        true => panel,
-        false => panel.line("", Style::theory(), border.to_vec()),
-    }
+    if border.is_empty() { panel } else { panel.line("", Style::theory(), border.to_vec()) }
 }
 
 /// The values of a quantity that should be positive, such as `f` and the density.

@@ -28,13 +28,12 @@ pub fn draw(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
         }
         lines += &note_on_ends(run, a, &faces);
         let plane = [a, n + a];
-        let mut row = match run.is_measure() {
-            true => level_sets(runs, plane, cut)?,
-            false => {
-                let (row, below) = fields(runs, plane, cut)?;
-                lowest = lowest.into_iter().chain(below).reduce(f64::min);
-                row
-            }
+        let mut row = if run.is_measure() {
+            level_sets(runs, plane, cut)?
+        } else {
+            let (row, below) = fields(runs, plane, cut)?;
+            lowest = lowest.into_iter().chain(below).reduce(f64::min);
+            row
         };
         let place = cut.at(run, plane, 0..2 * n);
         row.iter_mut().for_each(|panel| panel.title += &place);

@@ -74,11 +74,10 @@ impl StoredReadout {
         let column = |name: &str| {
             let name = format!("readout/{name}");
             let list = run.list(&name)?;
-            match list.len() == cell.len() {
-                true => Ok(list),
-                false => {
-                    Err(format!("/{name} has {} rows, /readout/cell {}", list.len(), cell.len()))
-                }
+            if list.len() == cell.len() {
+                Ok(list)
+            } else {
+                Err(format!("/{name} has {} rows, /readout/cell {}", list.len(), cell.len()))
             }
         };
         let (observable, estimator) = (column("observable")?, column("estimator")?);

@@ -190,9 +190,10 @@ impl StoredRun {
 
     /// A moment in one dimension as points of a line.
     pub fn line(&self, values: &[f64]) -> Vec<[f64; 2]> {
-        match self.has_averaged_moments() {
-            true => mesh::averages(self.axis(0), values),
-            false => mesh::line(self.axis(0), values),
+        if self.has_averaged_moments() {
+            mesh::averages(self.axis(0), values)
+        } else {
+            mesh::line(self.axis(0), values)
         }
     }
 
@@ -203,10 +204,8 @@ impl StoredRun {
 
     /// The times at which there are fields, the end last.
     pub fn snapshots(&self) -> FileResult<Vec<StoredTime>> {
-        let times = match self.has("axis/field_time") {
-            true => self.list("axis/field_time")?,
-            false => Vec::new(),
-        };
+        let times =
+            if self.has("axis/field_time") { self.list("axis/field_time")? } else { Vec::new() };
         let early = times.into_iter().enumerate();
         let early = early.map(|(k, time)| StoredTime { time, early: Some(k) });
         Ok(early.chain([self.end()]).collect())
@@ -281,9 +280,12 @@ impl StoredRun {
         let lengths = plane.map(|a| self.axis(a).cells);
         let field = name.rsplit('/').next().unwrap_or(name);
         let averaged = self.has_averaged_moments() && !["phi", "psi"].contains(&field);
-        let meshes = plane.map(|a| match averaged {
-            true => FineMesh::of_averages(self.axis(a), FINEST),
-            false => FineMesh::new(self.axis(a), FINEST),
+        let meshes = plane.map(|a| {
+            if averaged {
+                FineMesh::of_averages(self.axis(a), FINEST)
+            } else {
+                FineMesh::new(self.axis(a), FINEST)
+            }
         });
         let fine = [meshes[0].len(), meshes[1].len()];
         let shape = fine.map(|n| n.min(FINEST));
@@ -411,9 +413,12 @@ fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> FileResult<()> {
         std::iter::once(first).chain(rest.iter().copied()).collect()
     };
     let of_components = |cells: &[usize]| after(n, cells);
-    let times = |name: &str| match exists(file, name) {
-        true => file.dataset(name).map(|axis| axis.size()).map_err(|e| e.to_string()),
-        false => Ok(0),
+    let times = |name: &str| {
+        if exists(file, name) {
+            file.dataset(name).map(|axis| axis.size()).map_err(|e| e.to_string())
+        } else {
+            Ok(0)
+        }
     };
     let (moments, fields) = (times("axis/time")?, times("axis/field_time")?);
     let expected: [(&[&str], Vec<usize>); 7] = [
@@ -440,10 +445,8 @@ fn refuse_other_shapes(file: &File, space: &PhaseSpace) -> FileResult<()> {
 fn by_elements(name: &str, dataset: &Dataset) -> Option<Axis> {
     let number = |key: &str| number_attribute(dataset, key).ok();
     let (degree, elements) = (number("degree")? as usize, number("elements")? as usize);
-    let nodes = match name.starts_with('v') {
-        true => Nodes::of_velocity(degree),
-        false => Nodes::of_space(degree),
-    };
+    let nodes =
+        if name.starts_with('v') { Nodes::of_velocity(degree) } else { Nodes::of_space(degree) };
     let sound = (1..=LARGEST_DEGREE).contains(&degree) && elements > 0;
     sound.then_some(())?;
     Some(Axis::new(number("lower")?, number("upper")?, elements).with_nodes(nodes))

@@ -14,16 +14,13 @@ const SCENE: [(&str, &str); 3] =
 pub fn table(plan: &Value) -> Markup {
     let mut rows = ReportRows::default();
     problem(&mut rows, plan);
-    match plan["warp"].is_null() {
-        true => {
-            rows.text("steps", number(&plan["classical_steps"]));
-            let limiter = word(&plan["limiter"]).filter(|l| l != "none");
-            rows.text("limiter of the slopes", limiter);
-        }
-        false => {
-            auxiliary_variable(&mut rows, plan);
-            work(&mut rows, plan);
-        }
+    if plan["warp"].is_null() {
+        rows.text("steps", number(&plan["classical_steps"]));
+        let limiter = word(&plan["limiter"]).filter(|l| l != "none");
+        rows.text("limiter of the slopes", limiter);
+    } else {
+        auxiliary_variable(&mut rows, plan);
+        work(&mut rows, plan);
     }
     rows.table()
 }

@@ -64,9 +64,10 @@ impl Judgement {
 pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup {
     let Judgement { accuracy, missed, continued, .. } = judgement;
     let findings = [
-        match classical {
-            true => steps(summary),
-            false => algorithm(summary, accuracy.as_ref(), missed.as_ref()),
+        if classical {
+            steps(summary)
+        } else {
+            algorithm(summary, accuracy.as_ref(), missed.as_ref())
         },
         grid(accuracy.as_ref(), missed.as_ref(), continued.as_ref()),
         conservation(judgement.whole_ledger()),

@@ -109,9 +109,8 @@ impl Flatness {
 
     /// Adds a cell: its values at all points, and half a step after each.
     fn add(&mut self, values: &[f64], between: &[f64]) {
-        let at = |place: usize| match place.is_multiple_of(2) {
-            true => values[place / 2],
-            false => between[place / 2],
+        let at = |place: usize| {
+            if place.is_multiple_of(2) { values[place / 2] } else { between[place / 2] }
         };
         let u = at(self.places[self.reference]) / self.decay[self.reference];
         self.largest = self.largest.max(u.abs());
@@ -316,12 +315,10 @@ fn same_centres(name: &str, found: &[f64], expected: &Axis) -> FileResult<()> {
     }
     let (off, i) = furthest(found, &centres);
     let most = allowed(expected.width() / expected.nodes.count() as f64, centres.len());
-    match off > most {
-        true => Err(format!(
-            "{}: number {i} is off by {off:.1e}, at most {most:.1e} is allowed",
-            other()
-        )),
-        false => Ok(()),
+    if off > most {
+        Err(format!("{}: number {i} is off by {off:.1e}, at most {most:.1e} is allowed", other()))
+    } else {
+        Ok(())
     }
 }
 

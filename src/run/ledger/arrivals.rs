@@ -124,10 +124,8 @@ impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
     pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
         let is_density = !result.case.is_measure_valued();
-        let [field, field_mean] = match is_density {
-            true => self.field_error(world, result),
-            false => [None; 2],
-        };
+        let [field, field_mean] =
+            if is_density { self.field_error(world, result) } else { [None; 2] };
         ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
     }
 
@@ -325,9 +323,12 @@ fn interpolation(space: &PhaseSpace, k: usize, x: f64) -> Vec<(usize, f64)> {
     }
     let below = (position - 0.5).floor();
     let weight = position - 0.5 - below;
-    let cell = |j: i64| match k < n && space.is_periodic(k) {
-        true => j.rem_euclid(axis.cells as i64) as usize,
-        false => j.clamp(0, axis.cells as i64 - 1) as usize,
+    let cell = |j: i64| {
+        if k < n && space.is_periodic(k) {
+            j.rem_euclid(axis.cells as i64) as usize
+        } else {
+            j.clamp(0, axis.cells as i64 - 1) as usize
+        }
     };
     vec![(cell(below as i64), 1.0 - weight), (cell(below as i64 + 1), weight)]
 }

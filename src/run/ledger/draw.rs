@@ -216,9 +216,10 @@ impl ParticleSampler<'_> {
         let ends = if end.upper { &whole.upper } else { &whole.lower };
         point[coordinate(n, end.axis)] = ends[end.axis];
         let inside = self.set_velocity(&mut point);
-        let speed = match end.axis < n {
-            true => point[3 + end.axis],
-            false => -self.flow.slope_at(&point, end.axis - n),
+        let speed = if end.axis < n {
+            point[3 + end.axis]
+        } else {
+            -self.flow.slope_at(&point, end.axis - n)
         };
         let inwards = if end.upper { -speed } else { speed };
         if inwards <= 0.0 || !inside {

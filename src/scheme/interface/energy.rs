@@ -169,9 +169,10 @@ pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<(
         format!("The box [{}, {}] has it on a face. ", end(-below), end(elements - below))
     };
     let fastest = whole.largest_magnitude();
-    let doubt = match height < FEW_DIGITS * 0.5 * fastest * fastest {
-        true => ". If V should not jump there, give it the same digits on both sides",
-        false => "",
+    let doubt = if height < FEW_DIGITS * 0.5 * fastest * fastest {
+        ". If V should not jump there, give it the same digits on both sides"
+    } else {
+        ""
     };
     Err(Error::Input(format!(
         "{name}: v = 0 must be a face of the cells, as V jumps by {} at {place} and faces are \

@@ -91,14 +91,15 @@ fn boxes(case: &Case, planes: Vec<ReachedPlane>) -> Result<Vec<Range<usize>>> {
     let potential = Potential::whole(case)?;
     let close = |mut plane: ReachedPlane| {
         let a = plane.axis;
-        let closed = match case.is_galerkin() {
-            true => Links::new(case, &potential, a, MOST_JUMPS).map(|links| {
+        let closed = if case.is_galerkin() {
+            Links::new(case, &potential, a, MOST_JUMPS).map(|links| {
                 plane.close(|plane, i, j| links.take(|i, j| plane.holds(i, j), i, j));
-            }),
-            false => Faces::new(&case.space, &potential, a).map(|faces| {
+            })
+        } else {
+            Faces::new(&case.space, &potential, a).map(|faces| {
                 let takes = faces.takes(case, a);
                 plane.close(takes);
-            }),
+            })
         };
         closed.map_or(0..plane.cells, |()| plane.velocities())
     };

@@ -145,9 +145,10 @@ impl Planned for Designed {
     }
 
     fn estimate_doubt(&self, quality: &EstimatorQuality) -> Option<&'static str> {
-        match quality.modes < FEWEST_MODES_TO_TELL {
-            true => Some("so few modes may err alike at both recovery points"),
-            false => quality.doubt_of_oscillation(),
+        if quality.modes < FEWEST_MODES_TO_TELL {
+            Some("so few modes may err alike at both recovery points")
+        } else {
+            quality.doubt_of_oscillation()
         }
     }
 }

@@ -283,9 +283,10 @@ impl Study<'_> {
         plan: &Plan,
     ) -> Result<()> {
         let (trials, shape, share) = (&mut self.trials, &entry.shape, self.share);
-        let found = match trials.affords(scheme, shape, share)? {
-            true => trials.run_by_modes(scheme, target, mode_updates(target, plan), share),
-            false => Ok(None),
+        let found = if trials.affords(scheme, shape, share)? {
+            trials.run_by_modes(scheme, target, mode_updates(target, plan), share)
+        } else {
+            Ok(None)
         };
         match found {
             Ok(Some(found)) => {

@@ -158,9 +158,12 @@ impl ErrorSequence {
 
     fn grids(&self) -> Vec<MeasuredGrid> {
         let order = self.order();
-        let error = |(k, &e): (usize, &f64)| match self.exact {
-            true => e,
-            false => order.error(e).max(self.to_finest.get(k).copied().unwrap_or(0.0)),
+        let error = |(k, &e): (usize, &f64)| {
+            if self.exact {
+                e
+            } else {
+                order.error(e).max(self.to_finest.get(k).copied().unwrap_or(0.0))
+            }
         };
         let errors = self.found.iter().enumerate().map(error);
         (self.shapes.iter().zip(errors))
@@ -377,9 +380,10 @@ impl<'t, 'a> GridSearch<'t, 'a> {
             if (reached && (enough || !more)) || !self.trials.affords(scheme, &next, share)? {
                 break;
             }
-            match sequence.exact {
-                true => sequence.found.extend(self.trials.error(scheme, &next)?),
-                false => sequence.found.push(self.distance(&last, &next)?),
+            if sequence.exact {
+                sequence.found.extend(self.trials.error(scheme, &next)?)
+            } else {
+                sequence.found.push(self.distance(&last, &next)?)
             }
             sequence.shapes.push(next);
         }

@@ -95,9 +95,10 @@ pub fn may_be_slow(best: &SetupReport, entries: &[SetupReport], budget: f64) -> 
 
 /// A `budget` in seconds in words.
 pub fn longer(budget: f64) -> String {
-    match budget < LONGEST_BUDGET {
-        true => format!("a --budget of about {} s", short(one_digit(budget))),
-        false => "a longer --budget".to_owned(),
+    if budget < LONGEST_BUDGET {
+        format!("a --budget of about {} s", short(one_digit(budget)))
+    } else {
+        "a longer --budget".to_owned()
     }
 }
 

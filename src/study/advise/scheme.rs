@@ -1,6 +1,6 @@
 //! Semi-discrete schemes that advice compares.
 
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::{Case, Integrator, Interface, Limiter, Method};
 use crate::study::choices::{DEGREES, Flux};
 use crate::study::grids::on_grid;
@@ -107,7 +107,7 @@ impl SchemeChoice {
         }
         .to_owned();
         if jumps {
-            name += &format!(", {} interface", word(&self.interface));
+            name += &format!(", {} interface", choice_text(&self.interface));
             let unweighted = Treatment { interface: self.interface, weights: false };
             if method == Method::Schrodingerized && unweighted.may_grow() {
                 name += " and weights";

@@ -62,9 +62,10 @@ impl Study<'_> {
         let degree_case = self.trials.degree_case(scheme);
         let own = degree_case.base.space.elements();
         let coarsest = degree_case.grids.coarsest(&own);
-        match self.trials.has_run(scheme, &own) && self.trials.run(scheme, &coarsest).is_err() {
-            true => own,
-            false => coarsest,
+        if self.trials.has_run(scheme, &own) && self.trials.run(scheme, &coarsest).is_err() {
+            own
+        } else {
+            coarsest
         }
     }
 
@@ -155,9 +156,10 @@ impl Study<'_> {
                 }
             }
         }
-        match grids.is_empty() {
-            true => Err(failure.unwrap_or_else(|| Error::Input("nothing to try".to_owned()))),
-            false => Ok(grids),
+        if grids.is_empty() {
+            Err(failure.unwrap_or_else(|| Error::Input("nothing to try".to_owned())))
+        } else {
+            Ok(grids)
         }
     }
 
@@ -165,9 +167,10 @@ impl Study<'_> {
     /// Collective.
     fn search_grid(&mut self, scheme: SchemeChoice, share: f64) -> Result<SearchResult> {
         let start = self.start(scheme);
-        match self.trials.affords(scheme, &start, share)? {
-            true => Ok(self.search_grid_from(scheme, &start, share)),
-            false => Ok(SearchResult::BudgetTooSmall(start)),
+        if self.trials.affords(scheme, &start, share)? {
+            Ok(self.search_grid_from(scheme, &start, share))
+        } else {
+            Ok(SearchResult::BudgetTooSmall(start))
         }
     }
 

@@ -129,9 +129,10 @@ impl SetupReport {
     /// First words of the reason of a refusal, if the grid is extrapolated by an order that has not
     /// settled: a longer budget may find a smaller grid. Empty otherwise.
     pub fn not_settled_yet(&self) -> &'static str {
-        match self.known == Evidence::Extrapolated && !self.order.settled {
-            true => "not settled yet, a longer --budget may settle it; by the orders found so far ",
-            false => "",
+        if self.known == Evidence::Extrapolated && !self.order.settled {
+            "not settled yet, a longer --budget may settle it; by the orders found so far "
+        } else {
+            ""
         }
     }
 

@@ -92,12 +92,11 @@ impl DegreeCase {
         let Some(ExactPaths { steps, is_approximate }) = self.paths else {
             return UPDATES_PER_FORMULA;
         };
-        let finer = match is_approximate {
-            true => {
-                traced_cells_of_axis(case, MostCells::EXACT)
-                    / traced_cells_of_axis(&self.base, MostCells::ESTIMATES)
-            }
-            false => 1.0,
+        let finer = if is_approximate {
+            traced_cells_of_axis(case, MostCells::EXACT)
+                / traced_cells_of_axis(&self.base, MostCells::ESTIMATES)
+        } else {
+            1.0
         };
         UPDATES_PER_FORMULA + UPDATES_PER_STEP * finer * steps
     }
@@ -225,9 +224,10 @@ impl<'a> Trials<'a> {
     /// cells than the budget has updates.
     fn updates(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<f64> {
         let case = self.merged(&scheme.classical(&self.degree_case(scheme).base, shape));
-        match self.budget.fits_count(cells(&case.space.shape()), 1.0) {
-            true => self.updates_of_run(&case),
-            false => Ok(f64::INFINITY),
+        if self.budget.fits_count(cells(&case.space.shape()), 1.0) {
+            self.updates_of_run(&case)
+        } else {
+            Ok(f64::INFINITY)
         }
     }
 

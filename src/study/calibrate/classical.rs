@@ -44,7 +44,7 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
 fn cut_in_time(case: &Case, part: usize) -> Case {
     let fraction = part as f64 / PARTS as f64;
     let mut case = case.clone();
-    let begin = case.begin;
+    let begin = case.start_time;
     let cut = |time: &mut f64| *time = begin + (*time - begin) * fraction;
     cut(&mut case.end);
     case.times.iter_mut().for_each(|at| cut(&mut at.time));

@@ -82,7 +82,7 @@ struct GivenMode {
 impl GivenMode {
     /// A mode with made-up values; `None` if the run starts from fields. Collective.
     fn new(prepared: &Prepared) -> Option<Self> {
-        prepared.case.start.as_ref()?;
+        prepared.case.warped_start.as_ref()?;
         let system = &prepared.system;
         // Without zeros: arithmetic with zeros may be faster.
         let mode = |i: usize| Complex64::cis((i * i % 257) as f64);

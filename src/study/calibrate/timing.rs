@@ -56,10 +56,11 @@ pub fn line(trial: &mut impl FnMut(usize) -> Result<TimedWork>) -> Result<Linear
         last = repeated(&mut || trial(part))?;
     }
     let more = last.cost - first.cost;
-    let rate = match more > 0.0 {
-        true => ((last.seconds - first.seconds) / more).max(0.0),
+    let rate = if more > 0.0 {
+        ((last.seconds - first.seconds) / more).max(0.0)
+    } else {
         // The whole work was measured.
-        false => last.seconds / last.cost.max(1.0),
+        last.seconds / last.cost.max(1.0)
     };
     Ok(LinearCost { rate, fixed: (last.seconds - rate * last.cost).max(0.0) })
 }

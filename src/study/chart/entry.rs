@@ -1,6 +1,6 @@
 //! An entry of the chart: a setting and its result.
 
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::{
     Case, Coefficients, DEFAULT_FLUX, Embedding, Integrator, Interface, Limiter, Method,
     PropagatorMethod,
@@ -148,9 +148,8 @@ impl ChartEntry {
             integrator: (!modes).then_some(case.integrator),
             limiter: (!modes).then_some(case.limiter),
             cfl: steps.then_some(case.cfl),
-            profile: modes.then(|| match case.is_unitary() {
-                true => UNITARY.to_owned(),
-                false => word(&warp.profile),
+            profile: modes.then(|| {
+                if case.is_unitary() { UNITARY.to_owned() } else { choice_text(&warp.profile) }
             }),
             coefficients: modes.then_some(warp.coefficients),
             weights: modes.then_some(warp.weights),
@@ -210,11 +209,11 @@ impl ChartEntry {
         let own = match (&self.integrator, &self.profile) {
             _ if self.as_given => "the case as given".to_owned(),
             _ if self.paper => "the paper's set-up".to_owned(),
-            (Some(integrator), _) => word(integrator),
+            (Some(integrator), _) => choice_text(integrator),
             (None, profile) => profile.clone().unwrap_or_default(),
         };
         match self.slopes() {
-            Some(limiter) if !self.as_given => format!("{}, {own}", word(&limiter)),
+            Some(limiter) if !self.as_given => format!("{}, {own}", choice_text(&limiter)),
             _ => own,
         }
     }
@@ -233,14 +232,14 @@ impl ChartEntry {
         if self.paper {
             parts.push("the paper's set-up:".to_owned());
         }
-        parts.extend(self.slopes().map(|limiter| format!("{},", word(&limiter))));
-        parts.extend(self.integrator.as_ref().map(word));
+        parts.extend(self.slopes().map(|limiter| format!("{},", choice_text(&limiter))));
+        parts.extend(self.integrator.as_ref().map(choice_text));
         parts.extend(self.cfl.map(|cfl| format!("at CFL {cfl}")));
         parts.extend(self.profile.clone());
         if self.coefficients == Some(Coefficients::Sampled) {
             parts.push("sampled".to_owned());
         }
-        parts.extend(self.propagator.as_ref().map(word));
+        parts.extend(self.propagator.as_ref().map(choice_text));
         parts.extend(self.step.map(|step| format!("in steps of {step:.2e}")));
         parts.extend(self.tolerance.map(|t| format!("to {t:.0e}")));
         parts.extend(self.points.map(|n| format!("with N_p = {n}")));
@@ -251,7 +250,7 @@ impl ChartEntry {
         match self.weights {
             Some(_) if self.no_jump => {}
             Some(true) => parts.push("(weights)".to_owned()),
-            Some(false) => parts.push(format!("({}, no weights)", word(&self.interface))),
+            Some(false) => parts.push(format!("({}, no weights)", choice_text(&self.interface))),
             None => {}
         }
         parts.join(" ")

@@ -2,7 +2,8 @@
 
 use crate::base::error::Result;
 use crate::base::table::{self, Column, ColumnValues, in_pieces};
-use crate::base::text::{counted, plain};
+use crate::base::text::{counted, json_text};
+use crate::problem::exported::ExportOwner;
 use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
@@ -30,7 +31,7 @@ fn field(value: &Value) -> String {
     let text = match value {
         Value::Null => String::new(),
         Value::String(text) => text.clone(),
-        Value::Array(list) => list.iter().map(plain).collect::<Vec<_>>().join("; "),
+        Value::Array(list) => list.iter().map(json_text).collect::<Vec<_>>().join("; "),
         other => other.to_string(),
     };
     text.replace(['\n', '\r'], " ")
@@ -45,12 +46,13 @@ pub fn csv(entries: &[ChartEntry]) -> String {
 }
 
 impl Chart {
-    /// Writes `chart.csv`, `chart.json`, `chart.svg` and `chart.png` into `directory`. On one rank.
+    /// Writes `chart.csv`, `chart.json`, `chart.svg` and `chart.png` of the case `owner` into
+    /// `directory`. On one rank.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`].
-    pub fn write(&self, directory: &Path) -> Result<()> {
-        write_study(directory, "chart", self, &csv(&self.entries), &picture::figure(self))
+    pub fn write(&self, directory: &Path, owner: &ExportOwner) -> Result<()> {
+        write_study(directory, owner, self, &csv(&self.entries), &picture::figure(self))
     }
 
     /// Prints the number of settings left out, by method.
@@ -91,12 +93,11 @@ impl fmt::Display for Chart {
             (self.entries.iter()).filter(|e| !fronts(e).is_empty()).collect();
         let key = |e: &&ChartEntry| (e.cells, e.method as u8);
         rows.sort_by_key(key);
-        match rows.is_empty() {
-            true => writeln!(f, "{}: no trial is on a front\n", self.title)?,
-            false => {
-                writeln!(f, "{}, on a front:\n", self.title)?;
-                table(f, &rows, &fronts)?;
-            }
+        if rows.is_empty() {
+            writeln!(f, "{}: no trial is on a front\n", self.title)?
+        } else {
+            writeln!(f, "{}, on a front:\n", self.title)?;
+            table(f, &rows, &fronts)?;
         }
         for sentence in &self.sentences {
             writeln!(f, "{sentence}")?;

@@ -4,7 +4,7 @@
 //! filled markers; other treatments of growth have dashed lines and open markers. A thin grey line
 //! is a front, or theory.
 
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::problem::case::{DEFAULT_CFL, Integrator, Limiter, Method, PropagatorMethod};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::results::draw::extent::smallest_and_largest;
@@ -176,9 +176,10 @@ fn by_profile(entries: &[&ChartEntry], grid: &str) -> Vec<Panel> {
 fn diagonal(entries: &[&ChartEntry]) -> Vec<[f64; 2]> {
     let reached = entries.iter().filter(|e| is_planned(e) && e.error_semidiscrete.is_some());
     let all: Vec<f64> = reached.filter_map(|e| e.tolerance).collect();
-    match all.is_empty() {
-        true => Vec::new(),
-        false => smallest_and_largest(all.into_iter()).map(|end| [end, end]).into(),
+    if all.is_empty() {
+        Vec::new()
+    } else {
+        smallest_and_largest(all.into_iter()).map(|end| [end, end]).into()
     }
 }
 
@@ -191,16 +192,16 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let implicit = IMPLICIT_PROPAGATORS;
     let propagators = [&EXACT_PROPAGATORS[..], &implicit].concat();
     for (k, &method) in propagators.iter().enumerate() {
-        plot = plot.series(&format!("{first}, {}", word(&method)), Style::of(k), |e| {
+        plot = plot.series(&format!("{first}, {}", choice_text(&method)), Style::of(k), |e| {
             has_profile(e, &first) && has_usual_treatment(e) && e.propagator == Some(method)
         });
     }
     for (k, integrator) in [Integrator::ForwardEuler, Integrator::SspRk3].into_iter().enumerate() {
         let style = Style::of(propagators.len() + k).hollow();
-        plot = plot.series(&word(&integrator), style, |e| e.integrator == Some(integrator));
+        plot = plot.series(&choice_text(&integrator), style, |e| e.integrator == Some(integrator));
     }
     for (dash, method) in [(1, PropagatorMethod::CrankNicolson), (2, PropagatorMethod::Chebyshev)] {
-        let label = format!("the paper's, {}", word(&method));
+        let label = format!("the paper's, {}", choice_text(&method));
         let style = Style::of(propagators.len() + 2).dashed(dash);
         plot = plot.series(&label, style, |e| e.paper && e.propagator == Some(method));
     }
@@ -262,7 +263,8 @@ fn by_grid(entries: &[ChartEntry], of: &str) -> Vec<Panel> {
 fn methods(mut plot: Plot<'_>) -> Plot<'_> {
     let by_steps = CLASSICAL.into_iter().filter(|(of, _)| *of != Integrator::Exponential);
     for (k, (integrator, limiter)) in by_steps.enumerate() {
-        let label = if limiter == Limiter::None { word(&integrator) } else { word(&limiter) };
+        let label =
+            if limiter == Limiter::None { choice_text(&integrator) } else { choice_text(&limiter) };
         plot = plot.series(&label, Style::of(k), |e| {
             let usual = e.cfl.is_none_or(|cfl| cfl == DEFAULT_CFL) && !e.as_given;
             let method = e.integrator == Some(integrator) && e.limiter == Some(limiter);

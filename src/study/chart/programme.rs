@@ -110,9 +110,10 @@ impl Programme {
             grids.extend(shape.map(|shape| space.with_elements(&shape)));
         }
         // Elements need no treatment.
-        let treatments = match jumps && space.degree() == 0 {
-            true => Treatment::by_growth().into_iter().map(Some).collect(),
-            false => vec![None],
+        let treatments = if jumps && space.degree() == 0 {
+            Treatment::by_growth().into_iter().map(Some).collect()
+        } else {
+            vec![None]
         };
         let of_cells = Treatment::by_growth().first().copied().filter(|_| jumps);
         Self { grids, own: index, others: Vec::new(), treatments, of_cells }

@@ -163,9 +163,10 @@ impl ClassicalMethod {
     pub(super) fn labelled_size(&self) -> LabelledNumber {
         const WHY: &str = "by the measured order, or by 1/eps^2";
         let Some(size) = self.size else { return LabelledNumber::unavailable("not known") };
-        match self.degree.is_some() || self.seconds.trust() == Trust::Model {
-            true => LabelledNumber::model(size, WHY),
-            false => LabelledNumber::exact(size),
+        if self.degree.is_some() || self.seconds.trust() == Trust::Model {
+            LabelledNumber::model(size, WHY)
+        } else {
+            LabelledNumber::exact(size)
         }
     }
 }

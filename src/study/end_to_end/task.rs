@@ -113,9 +113,10 @@ impl DensityTask<'_> {
         let bounds = Bounds::new(&target)?;
         let accesses = &self.accesses(&target, &bounds, &prepared, factor, tolerance / ratio);
         let overlap_error = self.overlap_error(&target, &scheme, norms.field);
-        let state = match bounds.is_skew() {
-            true => StateOfMethod::of_one_mode(tolerance),
-            false => self.cheapest_state(&target, &bounds, ratio, norms, accesses)?,
+        let state = if bounds.is_skew() {
+            StateOfMethod::of_one_mode(tolerance)
+        } else {
+            self.cheapest_state(&target, &bounds, ratio, norms, accesses)?
         };
         // The density is the amplitude of the all-zero outcome of a complete circuit.
         let probability = state.probability.or_nan();

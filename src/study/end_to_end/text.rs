@@ -1,7 +1,7 @@
 //! The task and all methods as a table, and sentences on them.
 
 use crate::base::table::ColumnValues;
-use crate::base::text::word;
+use crate::base::text::choice_text;
 use crate::quantum::cost::Cost;
 use crate::quantum::cost::table::CostTable;
 use crate::quantum::labelled_number::{LabelledNumber, Trust};
@@ -34,9 +34,9 @@ pub(super) fn verdict(
         ));
     }
     if let Some((best, least)) = known.iter().min_by(|a, b| a.1.total_cmp(&b.1)) {
-        lines.push(format!("fewest gates: {}", word(&best.name)));
+        lines.push(format!("fewest gates: {}", choice_text(&best.name)));
         for (way, gates) in known.iter().filter(|(way, _)| way.name != best.name) {
-            lines.push(format!("{}: {:.1e} times as many", word(&way.name), gates / least));
+            lines.push(format!("{}: {:.1e} times as many", choice_text(&way.name), gates / least));
         }
     }
     for (way, _) in known {
@@ -48,8 +48,8 @@ pub(super) fn verdict(
         let pace = way.physical.seconds.because().unwrap_or_default();
         lines.push(format!(
             "{} {wins} against {}: {seconds:.1e} s ({pace}; assumed), {classical:.1e} s",
-            word(&way.name),
-            word(&baseline.name)
+            choice_text(&way.name),
+            choice_text(&baseline.name)
         ));
     }
     lines
@@ -93,7 +93,11 @@ impl EndToEnd {
             self.numbers(name, number, |_| LabelledNumber::unavailable(""))
         };
         vec![
-            self.values("way", |way| word(&way.name).into(), |method| word(&method.name).into()),
+            self.values(
+                "way",
+                |way| choice_text(&way.name).into(),
+                |method| choice_text(&method.name).into(),
+            ),
             Trust::Estimate.of_column(words("grid", |way| {
                 way.grids.last().map(|grid| shape_text(grid)).into()
             })),
@@ -170,7 +174,7 @@ impl QuantumMethod {
 
 impl fmt::Display for QuantumMethod {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{}", word(&self.name).to_uppercase())?;
+        writeln!(f, "{}", choice_text(&self.name).to_uppercase())?;
         // Degrees that have no number for the same reason are in one line.
         let alike =
             |a: &DegreeCost, b: &DegreeCost| a.why_not().is_some() && a.why_not() == b.why_not();
@@ -253,7 +257,7 @@ impl fmt::Display for EndToEnd {
             writeln!(
                 f,
                 "  {:<37}{size:>10} {:<7}{seconds}",
-                format!("{}{degree}", word(name)),
+                format!("{}{degree}", choice_text(name)),
                 name.unit()
             )?;
         }

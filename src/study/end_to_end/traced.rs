@@ -120,9 +120,10 @@ fn adaptive(
         }
         let mut finer = Vec::with_capacity(panels.len() + 1);
         for (panel, part) in panels.into_iter().zip(parts) {
-            match part.error >= WORST * worst {
-                true => finer.extend(panel.halves(value)),
-                false => finer.push(panel),
+            if part.error >= WORST * worst {
+                finer.extend(panel.halves(value))
+            } else {
+                finer.push(panel)
             }
         }
         panels = finer;
@@ -223,9 +224,10 @@ impl DensityAtPoint<'_> {
             let mean = sum / count;
             let deviation = (squares / count - mean * mean).max(0.0).sqrt();
             found.density = self.case.space.velocity_box_volume() * mean;
-            found.error = match mean == 0.0 {
-                true => f64::INFINITY,
-                false => 1.96 * deviation / count.sqrt() / mean.abs(),
+            found.error = if mean == 0.0 {
+                f64::INFINITY
+            } else {
+                1.96 * deviation / count.sqrt() / mean.abs()
             };
         }
         found.seconds = started.elapsed().as_secs_f64();

@@ -50,12 +50,13 @@ pub fn with_potential_times(case: &Case, factor: f64) -> Case {
 /// # Errors
 /// With elements, and with partial reflection.
 pub fn refuse_elements(case: &Case) -> Result<()> {
-    match case.is_galerkin() {
-        true => Err(Error::input(
+    if case.is_galerkin() {
+        Err(Error::input(
             "not applicable: S <= 0 by construction with elements or partial reflection, \
-                     on any grid and at any jump, and there are no weights to compare",
-        )),
-        false => Ok(()),
+                 on any grid and at any jump, and there are no weights to compare",
+        ))
+    } else {
+        Ok(())
     }
 }
 

@@ -285,10 +285,8 @@ impl ExplicitSteps<'_> {
     fn curve(&mut self, name: &'static str, integrator: Integrator, budget: &Budget) -> Curve {
         let points = (0..=30).map(|k| {
             let x = 0.6 + 0.04 * f64::from(k);
-            let measured = match budget.is_over() {
-                true => f64::NAN,
-                false => self.growth(integrator, x, LONG),
-            };
+            let measured =
+                if budget.is_over() { f64::NAN } else { self.growth(integrator, x, LONG) };
             let theory = growth_bound(integrator, x, self.rate_ratio, self.of_norm);
             CurvePoint { x, measured, theory }
         });

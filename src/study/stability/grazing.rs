@@ -257,10 +257,8 @@ fn borders(points: &[CurvePoint], own: CurvePoint) -> Vec<Border> {
 fn verdict(points: &[CurvePoint], own: CurvePoint, located: &[f64]) -> String {
     let [place, most] =
         highest(points, |p| p.measured).map_or([f64::NAN; 2], |p| [p.x, p.measured]);
-    let among = match located.contains(&place) {
-        true => "the highest spike by theory",
-        false => "of those tried",
-    };
+    let among =
+        if located.contains(&place) { "the highest spike by theory" } else { "of those tried" };
     format!(
         "Without weights lambda+ T is {:.3} at this case's jump, an amplification of {:.3e}, and \
          up to {most:.4} at a jump of {place:.6}, {among}, an amplification of {:.3e}: it spikes \

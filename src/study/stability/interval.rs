@@ -153,9 +153,10 @@ impl IntervalErrors {
 
     /// The text for a border that was not found.
     fn missing_text(&self) -> &'static str {
-        match self.skipped == 0 && self.right.len() > LENGTHS as usize {
-            true => "(not located: the error does not cross it)",
-            false => "(not located within the budget)",
+        if self.skipped == 0 && self.right.len() > LENGTHS as usize {
+            "(not located: the error does not cross it)"
+        } else {
+            "(not located within the budget)"
         }
     }
 }

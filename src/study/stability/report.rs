@@ -1,7 +1,8 @@
 //! A stability map as a table, as CSV, as JSON and as a figure.
 
 use crate::base::error::Result;
-use crate::base::text::word;
+use crate::base::text::choice_text;
+use crate::problem::exported::ExportOwner;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{self, Figure, PlotAxis};
 use crate::study::files::write_study;
@@ -49,7 +50,7 @@ impl Stability {
             for curve in &findings.curves {
                 for p in &curve.points {
                     let numbers = [p.x, p.measured, p.theory].map(field).join(",");
-                    let (name, kind) = (word(&spec.name), kind(curve.bound));
+                    let (name, kind) = (choice_text(&spec.name), kind(curve.bound));
                     let _ = writeln!(text, "{name},\"{}\",{numbers},{kind}", curve.name);
                 }
             }
@@ -57,12 +58,13 @@ impl Stability {
         text
     }
 
-    /// Writes `stability.csv`, `stability.json` and the figures into `directory`.
+    /// Writes `stability.csv`, `stability.json` and the figures of the case `owner` into
+    /// `directory`.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Output`].
-    pub fn write(&self, directory: &Path) -> Result<()> {
-        write_study(directory, "stability", self, &self.csv(), &self.figure())
+    pub fn write(&self, directory: &Path, owner: &ExportOwner) -> Result<()> {
+        write_study(directory, owner, self, &self.csv(), &self.figure())
     }
 
     /// The figure of the report: a frame for each panel, with markers for measured values and
@@ -76,7 +78,7 @@ impl Stability {
             self.title,
             self.left_out
                 .iter()
-                .map(|l| format!("Left out: {} ({}).", word(&l.name), l.reason))
+                .map(|l| format!("Left out: {} ({}).", choice_text(&l.name), l.reason))
                 .collect::<Vec<_>>()
                 .join(" ")
         );
@@ -101,13 +103,13 @@ impl fmt::Display for Stability {
         )?;
         for StabilityPanel { spec, findings } in &self.panels {
             let grid = self.grid_text(&findings.shape);
-            writeln!(f, "{} ({}, {grid})", word(&spec.name), spec.title)?;
+            writeln!(f, "{} ({}, {grid})", choice_text(&spec.name), spec.title)?;
             findings.borders.iter().try_for_each(|border| border.write(f, width))?;
             writeln!(f, "    {}", findings.verdict)?;
             findings.notes.iter().try_for_each(|note| writeln!(f, "    ({note})"))?;
         }
         for left_out in &self.left_out {
-            writeln!(f, "{} left out: {}", word(&left_out.name), left_out.reason)?;
+            writeln!(f, "{} left out: {}", choice_text(&left_out.name), left_out.reason)?;
         }
         writeln!(f, "{:.1} s", self.seconds)
     }
@@ -120,9 +122,10 @@ impl Border {
         let kind = if self.theory.is_some() { kind(self.bound) } else { "" };
         let (measured, theory) = (number(self.measured), number(self.theory));
         // A longer name is on a line of its own.
-        let name = match self.name.chars().count() > width {
-            true => format!("{}\n  {:width$}", self.name, ""),
-            false => format!("{:<width$}", self.name),
+        let name = if self.name.chars().count() > width {
+            format!("{}\n  {:width$}", self.name, "")
+        } else {
+            format!("{:<width$}", self.name)
         };
         writeln!(f, "  {name} {measured:>12} {theory:>12} {kind:>6} {ratio:>9}")
     }

@@ -4,7 +4,7 @@
 //! numbers as Python writes them. `python/src/phasewarp/sweep.py` computes the same.
 
 use crate::base::checksum;
-use crate::base::text::{compact, plain};
+use crate::base::text::{compact_json, json_text};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
@@ -13,11 +13,11 @@ const MOST_SHOWN: usize = 80;
 
 /// The directory name of the run of `case`, whose varied `keys` have these `values`.
 pub fn run_name(case: &Value, mode: Option<&str>, keys: &[String], values: &[Value]) -> String {
-    let checksum = checksum::of_text(compact(&json!([case, mode])).as_bytes());
+    let checksum = checksum::of_text(compact_json(&json!([case, mode])).as_bytes());
     let last = |key: &String| key.rsplit('.').next().unwrap_or_default().trim().to_owned();
     let words = keys.iter().zip(values);
     let words: Vec<String> =
-        words.map(|(key, value)| format!("{}={}", last(key), plain(value))).collect();
+        words.map(|(key, value)| format!("{}={}", last(key), json_text(value))).collect();
     let shown: String = without_special(&words.join("_")).chars().take(MOST_SHOWN).collect();
     format!("{shown}_{}", checksum::text(checksum))
 }

@@ -3,7 +3,7 @@
 use crate::base::disk;
 use crate::base::error::Result;
 use crate::base::table::{Column, ColumnValues, csv, in_pieces, tabular};
-use crate::base::text::{counted, csv_records, plain, short, shortened};
+use crate::base::text::{counted, csv_records, json_text, short, shortened};
 use serde_json::Value;
 use std::ffi::{OsStr, OsString};
 use std::fmt;
@@ -219,7 +219,7 @@ fn shown(column: &ColumnValues) -> Column {
     let cell = |cell: &Value| match cell {
         Value::Null => "-".to_owned(),
         Value::Number(number) if number.is_f64() => short(number.as_f64().unwrap_or(f64::NAN)),
-        other => fit(&plain(other)),
+        other => fit(&json_text(other)),
     };
     Column::new(&fit(&column.name), column.cells.iter().map(cell))
 }

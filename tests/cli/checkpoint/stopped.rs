@@ -40,9 +40,10 @@ fn runs_killed_at_any_moment_end_with_the_same_bits() {
         if path.join("summary.json").exists() {
             // The run ended before it was killed.
             let differing = differences(&datasets(path)?, &WHOLE.0);
-            return match differing.is_empty() {
-                true => Ok(()),
-                false => Err(format!("row {row} differs in {differing:?}")),
+            return if differing.is_empty() {
+                Ok(())
+            } else {
+                Err(format!("row {row} differs in {differing:?}"))
             };
         }
         let ranks = 1 + (row as usize + 3) % 4;
@@ -581,12 +582,11 @@ fn finished_work_is_not_computed_again() {
     for (settings, finished) in rows {
         let written = fs::read(path.join("summary.json")).expect("a summary");
         let again = job(settings).with(["--resume"]);
-        match finished {
-            true => {
-                let again = again.succeed().expect("a run");
-                assert!(printed(&again), "{}", again.report("finished"));
-            }
-            false => again.is_refused(&["another result", " there, ", "--force"]).unwrap(),
+        if finished {
+            let again = again.succeed().expect("a run");
+            assert!(printed(&again), "{}", again.report("finished"));
+        } else {
+            again.is_refused(&["another result", " there, ", "--force"]).unwrap()
         }
         let now = fs::read(path.join("summary.json")).expect("a summary");
         assert_eq!(now, written, "{settings:?}");

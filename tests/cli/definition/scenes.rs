@@ -246,9 +246,10 @@ impl Region {
     /// The region in a case file.
     fn text(&self) -> String {
         let names = ["x", "y", "z"];
-        let place = match self.below < f64::INFINITY {
-            true => format!("where = \"{} < {}\"\n", names[self.axis], self.below),
-            false => String::new(),
+        let place = if self.below < f64::INFINITY {
+            format!("where = \"{} < {}\"\n", names[self.axis], self.below)
+        } else {
+            String::new()
         };
         let mut value = self.constant.to_string();
         for (a, name) in names.iter().enumerate() {

@@ -17,9 +17,10 @@ pub const SLOTS: usize = 6;
 
 /// The launcher, and its options that bind no rank to a core and mark the output of each.
 fn launcher() -> Vec<String> {
-    let marks: &[&str] = match by_hydra() {
-        false => &["--bind-to", "none", "--tag-output"],
-        true => &["-bind-to", "none", "-prepend-pattern", "[0,%r]<stdout>:"],
+    let marks: &[&str] = if !by_hydra() {
+        &["--bind-to", "none", "--tag-output"]
+    } else {
+        &["-bind-to", "none", "-prepend-pattern", "[0,%r]<stdout>:"]
     };
     std::iter::once(mpirun()).chain(marks.iter().map(|&word| word.to_owned())).collect()
 }

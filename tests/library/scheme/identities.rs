@@ -147,9 +147,8 @@ fn rows_of_a_part_are_rows_of_the_whole() {
         let mut reused = Row::default();
         let halves = |axis: &Axis| [0..axis.cells / 2, axis.cells / 2..axis.cells];
         for part in 0..2 {
-            let range = |(a, axis): (usize, &Axis)| match case.space.is_periodic(a) {
-                true => 0..axis.cells,
-                false => halves(axis)[part].clone(),
+            let range = |(a, axis): (usize, &Axis)| {
+                if case.space.is_periodic(a) { 0..axis.cells } else { halves(axis)[part].clone() }
             };
             let ranges: Vec<_> = case.space.x.iter().enumerate().map(range).collect();
             let scheme = Scheme::new(case, &ranges).expect("V is finite");
@@ -277,9 +276,8 @@ fn any_region() -> impl Strategy<Value = (f64, [f64; 4])> {
 
 /// The text of a random case in `n` dimensions.
 fn any_case(n: usize, most_cells: usize) -> impl Strategy<Value = String> {
-    let closed = |axis: String, closed: bool| match closed {
-        true => axis.replace('}', ", boundary = 'periodic' }"),
-        false => axis,
+    let closed = |axis: String, closed: bool| {
+        if closed { axis.replace('}', ", boundary = 'periodic' }") } else { axis }
     };
     let x = (any_axis(most_cells), any::<bool>()).prop_map(move |(axis, c)| closed(axis, c));
     let axes = prop::collection::vec((x, any_axis(most_cells)), n);

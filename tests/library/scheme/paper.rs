@@ -174,10 +174,7 @@ fn cell_by_cell(scene: &Scene, sources: Sources) -> System {
         }
         indices
     };
-    let around = |a: usize, i: i64| match space.periodic[a] {
-        true => i.rem_euclid(x[a].cells),
-        false => i,
-    };
+    let around = |a: usize, i: i64| if space.periodic[a] { i.rem_euclid(x[a].cells) } else { i };
     let number = |indices: &[i64]| {
         let inside = indices.iter().zip(&lengths).all(|(&i, &n)| 0 <= i && i < n);
         let index = indices.iter().zip(&lengths).fold(0, |m, (i, n)| m * n + i);

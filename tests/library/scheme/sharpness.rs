@@ -156,10 +156,7 @@ fn widest(name: &str, case: &Case) -> f64 {
     let low = -ends[FORMS - 1][0];
     let allowed = bounds.dissipation;
     assert!(low <= allowed * (1.0 + 1e-12) + 1e-12, "{name}: {low} {allowed}");
-    match allowed == 0.0 {
-        true => widest,
-        false => widest.max(allowed / low),
-    }
+    if allowed == 0.0 { widest } else { widest.max(allowed / low) }
 }
 
 /// Potentials along x: name and formulas.

@@ -134,9 +134,10 @@ fn points_to_search(case: &Case) -> f64 {
 /// Points that an integral may take of so many `positions` on the grid of `case`.
 pub fn most_at(case: &Case, positions: f64) -> f64 {
     let first = points_of(&panels_of(case));
-    let least = match is_limited(case) {
-        true => first,
-        false => IntegrationLimits::of(&case.space).most.max(2 * first),
+    let least = if is_limited(case) {
+        first
+    } else {
+        IntegrationLimits::of(&case.space).most.max(2 * first)
     };
     (least as f64).max((allowance(case) as f64 / positions.max(1.0)).floor())
 }

@@ -138,9 +138,10 @@ impl<'a> PanelRule<'a> {
             }
             let (mut open, mut k) = (Vec::new(), 0);
             while k < panels.len() && open.len() < allowed {
-                match panels[k].error >= NEAR_LARGEST * largest {
-                    true => open.push(panels.swap_remove(k)),
-                    false => k += 1,
+                if panels[k].error >= NEAR_LARGEST * largest {
+                    open.push(panels.swap_remove(k))
+                } else {
+                    k += 1
                 }
             }
             left -= open.len() * new_points;
@@ -271,9 +272,10 @@ impl<'a> PanelRule<'a> {
         for (panel, halves) in panels.iter().zip(halves) {
             for (h, half) in halves.into_iter().enumerate() {
                 let stride = self.stride(panel.axis);
-                let value = |k: usize| match is_new(panel, k) {
-                    true => new.next().unwrap_or(f64::NAN),
-                    false => {
+                let value = |k: usize| {
+                    if is_new(panel, k) {
+                        new.next().unwrap_or(f64::NAN)
+                    } else {
                         let d = step(panel, k);
                         panel.values[k - d * stride + (h * (POINTS - 1) / 2 + d / 2) * stride]
                     }
