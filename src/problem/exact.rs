@@ -645,7 +645,7 @@ impl<'a> Tracer<'a> {
             let (first, last) = (i.saturating_sub(free), (i + free).min(faces.len() - 2));
             (block.first[a], block.last[a]) = (first, last);
             (block.lower[a], block.upper[a]) = (faces[first], faces[last + 1]);
-            block.centre[a] = axes[a].centre(i as i64);
+            block.centre[a] = 0.5 * (faces[i] + faces[i + 1]);
         }
         block
     }
@@ -760,11 +760,12 @@ impl<'a> Tracer<'a> {
         let mut rise = self.rise_at_centre(cell, a, upper);
         let mut is_jump = rise != 0.0;
         for b in (0..self.space.dimension()).filter(|&b| b != a) {
-            let [before, beyond] =
-                [cell, &behind].map(|cell| self.potential.rise_from_centre(cell, b, particle.x[b]));
-            if before == beyond {
+            let forces = [cell, &behind].map(|cell| self.potential.force_along(cell, b));
+            if forces[0] == forces[1] {
                 continue;
             }
+            let [before, beyond] =
+                [cell, &behind].map(|cell| self.potential.rise_from_centre(cell, b, particle.x[b]));
             let own = cell[b] as i64;
             rise -= beyond - before;
             let mut neighbours =

@@ -311,15 +311,6 @@ impl PhaseSpace {
         point
     }
 
-    /// As [`point`](Self::point), moved off the faces of its element into it.
-    pub fn point_in_element(&self, cell: &Cell) -> [f64; 6] {
-        let mut point = self.point(cell);
-        for (a, x) in self.x.iter().enumerate() {
-            point[a] = x.inside_element(cell[a] as i64);
-        }
-        point
-    }
-
     /// The open ends of the box.
     pub fn open_ends(&self) -> Vec<AxisEnd> {
         let n = self.dimension();

@@ -253,6 +253,10 @@ impl Accuracy {
         let named = |name: &str, error: Option<f64>, source: Option<ErrorSource>| {
             // An estimate may be wrong by a factor of ten.
             let about = format!("about {} %", short(one_digit(100.0 * error?)));
+            // What particles show beyond their scatter is a lower bound.
+            let at_least =
+                || format!("at least {} %", short(rounded_down(100.0 * error.unwrap_or(0.0))));
+            let is_mean = name == "f" && self.particles.field_mean.is_some();
             // Older summaries do not have the source.
             let source = source.unwrap_or(if self.grid_measured {
                 ErrorSource::Measured
@@ -262,8 +266,9 @@ impl Accuracy {
             let digits = match source {
                 ErrorSource::Measured => percent(error?),
                 ErrorSource::Estimated => about,
-                ErrorSource::Particles if name == "f" => format!("{about} by particles"),
-                ErrorSource::Particles => format!("{about} by particles (L1)"),
+                ErrorSource::Particles if is_mean => format!("{about} by particles"),
+                ErrorSource::Particles if name == "f" => format!("{} by particles", at_least()),
+                ErrorSource::Particles => format!("{} by particles (L1)", at_least()),
                 ErrorSource::Inherited => format!("{about} from before"),
             };
             Some(format!("{name} {digits}"))

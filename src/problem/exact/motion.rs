@@ -10,8 +10,6 @@
 //! x₂ − x₁ = (w₁ + w₂) t(s)        w₂ − w₁ = (a₁ + a₂) t(s)
 //! ```
 
-use std::cmp::Ordering;
-
 /// A particle on an axis, and the force on it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AxisMotion {
@@ -41,24 +39,22 @@ impl AxisMotion {
     /// With the distance `D` ahead and the acceleration `p` in the direction of motion, the speed
     /// at the end ahead is `r = √(w² + 2 p D − κ D²)`. Without such an `r`, or if the speed
     /// vanishes before, the particle turns; it may then arrive at the end behind.
+    #[inline]
     pub fn arrival(&self, lower: f64, upper: f64) -> Arrival {
         let &Self { x, w, acceleration, curvature } = self;
         let up = w > 0.0 || (w == 0.0 && acceleration > 0.0);
         let sign = if up { 1.0 } else { -1.0 };
         let (ahead, behind) = if up { (upper - x, x - lower) } else { (x - lower, upper - x) };
         let (speed, push) = (w.abs(), sign * acceleration);
-        if speed == 0.0 && push == 0.0 {
-            return Arrival { time: f64::INFINITY, w, at_upper: up };
+        if push == 0.0 && (curvature == 0.0 || speed == 0.0) {
+            let time = if speed == 0.0 { f64::INFINITY } else { ahead / speed };
+            return Arrival { time, w, at_upper: up };
         }
         if ahead == 0.0 {
             return Arrival { time: 0.0, w, at_upper: up };
         }
         let square = w * w + ahead * (2.0 * push - curvature * ahead);
-        // The least w² on the way, at the top of a hill.
-        let passes_top =
-            push >= 0.0 || push <= curvature * ahead || w * w * curvature + push * push < 0.0;
-        let force_free = push == 0.0 && curvature == 0.0;
-        if force_free || (square > 0.0 && passes_top) {
+        if square > 0.0 && self.passes_top(push, ahead) {
             let there = square.sqrt();
             let time = self.time_of(ahead, speed + there);
             return Arrival { time, w: sign * there, at_upper: up };
@@ -72,25 +68,40 @@ impl AxisMotion {
         Arrival { time, w: -sign * there, at_upper: !up }
     }
 
+    /// Whether the speed does not vanish on a hill on the way to a place `ahead` at which it does
+    /// not, with the acceleration `push` in the direction of motion.
+    fn passes_top(&self, push: f64, ahead: f64) -> bool {
+        let &Self { w, curvature, .. } = self;
+        curvature >= 0.0
+            || push >= 0.0
+            || push <= curvature * ahead
+            || w * w * curvature + push * push < 0.0
+    }
+
     /// The time `s` with `t(s) = change/sum`, `change ≥ 0`; less than a period.
     fn time_of(&self, change: f64, sum: f64) -> f64 {
+        if self.curvature == 0.0 {
+            return 2.0 * change / sum;
+        }
         let rate = self.curvature.abs().sqrt();
-        match self.curvature.total_cmp(&0.0) {
-            _ if rate == 0.0 => 2.0 * change / sum,
-            Ordering::Greater => 2.0 / rate * (rate * change).atan2(sum),
-            // Round-off may bring the particle to the top of the hill.
-            _ if rate * change >= sum => f64::INFINITY,
-            _ => 2.0 / rate * (rate * change / sum).atanh(),
+        if self.curvature > 0.0 {
+            2.0 / rate * (rate * change).atan2(sum)
+        } else if rate * change < sum {
+            2.0 / rate * (rate * change / sum).atanh()
+        } else {
+            // Round-off brings the particle to the top of the hill.
+            f64::INFINITY
         }
     }
 
     /// Position and velocity after `time`.
+    #[inline]
     pub fn after(&self, time: f64) -> [f64; 2] {
         let &Self { x, w, acceleration, curvature } = self;
-        let rate = curvature.abs().sqrt();
-        if rate == 0.0 || (w == 0.0 && acceleration == 0.0) {
+        if curvature == 0.0 || (w == 0.0 && acceleration == 0.0) {
             return [x + time * (w + 0.5 * acceleration * time), w + acceleration * time];
         }
+        let rate = curvature.abs().sqrt();
         let half = 0.5 * rate * time;
         let (sin, cos) = if curvature > 0.0 { half.sin_cos() } else { (half.sinh(), half.cosh()) };
         let moved = 2.0 * sin * (w * cos + acceleration * sin / rate) / rate;
@@ -98,6 +109,7 @@ impl AxisMotion {
     }
 
     /// Whether the velocity may leave `[lower, upper]` at any time.
+    #[inline]
     pub fn may_leave(&self, lower: f64, upper: f64) -> bool {
         let &Self { w, acceleration, curvature, .. } = self;
         if curvature <= 0.0 {

@@ -104,27 +104,20 @@ impl Axis {
     /// The position just outside of the box at its lower or upper end, where what enters there is
     /// evaluated: a formula such as `1 if x > upper else 0` holds there.
     pub fn just_outside(&self, at_upper: bool) -> f64 {
-        if at_upper { self.upper + self.small_step() } else { self.lower - self.small_step() }
+        let step = 8.0 * f64::EPSILON * self.largest_magnitude();
+        if at_upper { self.upper + step } else { self.lower - step }
     }
 
-    /// A distance that no formula of the data resolves, but which exceeds the round-off of the
-    /// coordinate of a face.
+    /// A small part of the width of an element. An edge of a formula that is closer to a face than
+    /// that lies on the face.
     pub fn small_step(&self) -> f64 {
-        8.0 * f64::EPSILON * self.largest_magnitude()
+        0.5 * INSIDE * self.width()
     }
 
-    /// The coordinate of face `i`, the lower one of element `i`, approached from above or below: a
-    /// formula with an edge on the face has the value of that side there.
+    /// A coordinate next to face `i`, the lower one of element `i`, above or below it: a formula
+    /// with an edge on the face has the value of that side there.
     pub fn beside_face(&self, i: i64, above: bool) -> f64 {
-        if above { self.face(i) + self.small_step() } else { self.face(i) - self.small_step() }
-    }
-
-    /// The coordinate of the node of `cell`, moved off a face on which it lies into its element.
-    pub fn inside_element(&self, cell: i64) -> f64 {
-        let (element, _) = self.split(cell);
-        let [lower, upper] =
-            [(0, true), (1, false)].map(|(k, up)| self.beside_face(element + k, up));
-        self.centre(cell).max(lower).min(upper)
+        self.face(i) + if above { self.small_step() } else { -self.small_step() }
     }
 
     /// `x`, or [`just_outside`](Self::just_outside) if that is nearer than round-off.
@@ -277,8 +270,11 @@ impl Axis {
     /// a billionth of the element's width.
     pub fn inner_centre(&self, j: i64) -> f64 {
         let (e, m) = self.split(j);
-        let xi = self.nodes.reference().nodes[m];
-        if xi.abs() == 1.0 { self.at(e, xi * (1.0 - INSIDE)) } else { self.centre(j) }
+        match self.nodes.reference().nodes[m] {
+            -1.0 => self.beside_face(e, true),
+            1.0 => self.beside_face(e + 1, false),
+            _ => self.centre(j),
+        }
     }
 
     /// The point `ξ ∈ [−1, 1]` of element `e`. Faces are exact.
