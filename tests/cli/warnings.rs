@@ -69,6 +69,24 @@ fn region_edges_off_the_faces_give_a_warning() {
     }
 }
 
+/// Steps of forward Euler grow with elements, and with small fluxes; upwind cells are stable.
+#[test]
+fn forward_euler_of_elements_gives_a_warning() {
+    let euler = ["solver.method=classical", "solver.classical.integrator=forward-euler"];
+    let rows: [(&[&str], bool); 5] = [
+        (&["scheme.degree=2"], true),
+        (&["scheme.flux=0.25"], true),
+        (&["scheme.flux=0.5"], false),
+        (&[], false),
+        (&["scheme.degree=2", "solver.classical.integrator=ssp-rk3"], false),
+    ];
+    check_all(&rows, |(settings, warns)| {
+        let finished = check("example1.toml").set(&euler).set(settings).succeed()?;
+        let found = finished.output.contains("has no stable step with scheme.");
+        require(found == *warns, &finished, || format!("warns: {found}"))
+    });
+}
+
 const OVER: &[&str] = &["scheme.degree=3", "axis.0.x.cells=12", "axis.0.v.cells=12"];
 
 /// If `V` jumps or bends between the points of the scheme, `check` prints a warning with the place.
