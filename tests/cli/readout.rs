@@ -226,11 +226,7 @@ fn no_readout_is_announced_before_the_run() {
             &["solver.method=classical", "readout={points=[[0.5]]}"],
             "readout of 1 cell: unavailable: solver.method = \"classical\" prepares no quantum state",
         ),
-        (
-            "example2.toml",
-            &["readout={cells=[[3],[4]]}"],
-            "readout of 2 cells: unavailable: ",
-        ),
+        ("example2.toml", &["readout={cells=[[3],[4]]}"], "readout of 2 cells: unavailable: "),
     ];
     check_all(&rows, |(name, set, words)| {
         for command in ["check", "plan"] {
