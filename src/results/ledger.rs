@@ -5,6 +5,7 @@
 //! numbers are `null` in `summary.json`.
 
 use crate::base::text::{counted, percent, rounded, short};
+use crate::scheme::interface::energy::WITH_REST_ON_A_FACE;
 use serde::{Deserialize, Serialize};
 
 /// Larger parts of the mass give a warning, and jumps of `V` below this part of the mean energy.
@@ -35,6 +36,10 @@ pub struct Ledger {
     pub jumps: Vec<AxisJumps>,
     /// The regions of `V` that lie between others.
     pub regions: Vec<NarrowRegion>,
+    /// Whether a degree above 0 is refused on the velocity cells, as `v = 0` is not on a face of
+    /// them where `V` jumps.
+    #[serde(default)]
+    pub rest_in_cell: bool,
     /// The numbers that could not be found, and why.
     pub omitted: Vec<String>,
 }
@@ -192,11 +197,12 @@ impl Ledger {
         let missed = self.missed_by_grid().filter(|m| m.abs() > NOTICEABLE)?;
         Some(format!(
             "mass: the grid holds {} at t = 0, the formula {}: {} {}; take more cells where the \
-             data change, or a higher scheme.degree",
+             data change, or a higher scheme.degree{}",
             short(self.mass.initial?),
             short(self.mass.formula?),
             percent(missed.abs()),
-            if missed > 0.0 { "too much" } else { "is missing" }
+            if missed > 0.0 { "too much" } else { "is missing" },
+            self.after_degree()
         ))
     }
 
@@ -263,7 +269,7 @@ impl Ledger {
         let share = self.unbalanced(unexplained, self.mass.left_error)?;
         self.holds_data().then(|| format!(
             "mass: {} of it {}, by the particles of the exact flow: the grid does not resolve V or \
-             f, or smears f over an end of the box{}; more cells{} or a higher scheme.degree",
+             f, or smears f over an end of the box{}; more cells{} or a higher scheme.degree{}",
             percent(share.abs()),
             match share > 0.0 {
                 true => "is gone that should still be in the box",
@@ -277,8 +283,14 @@ impl Ledger {
             match self.mass.interface_estimate.is_some_and(|added| added != 0.0) {
                 true => ", scheme.interface = \"conservative\"",
                 false => "",
-            }
+            },
+            self.after_degree()
         ))
+    }
+
+    /// What a higher degree takes besides, if it is refused on these velocity cells.
+    fn after_degree(&self) -> &'static str {
+        if self.rest_in_cell { WITH_REST_ON_A_FACE } else { "" }
     }
 
     /// A difference of masses with the standard error `error`, as a share of all mass, if it is
@@ -368,8 +380,9 @@ impl Ledger {
             format!(
                 "potential.{potential}: {} wide along {axis}: the grid does not resolve f in it, \
                  where slow particles may be several times as many as they should be; take more \
-                 cells ({CELLS_OF_REGION} across it), or scheme.degree = 2",
-                counted(*cells, "cell", "cells")
+                 cells ({CELLS_OF_REGION} across it), or scheme.degree = 2{}",
+                counted(*cells, "cell", "cells"),
+                self.after_degree()
             )
         })
     }

@@ -8,6 +8,7 @@ use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::ObliqueEdge;
 use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
+use crate::scheme::interface::energy::{WITH_REST_ON_A_FACE, allows_elements};
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
 const BEYOND: f64 = 0.1;
@@ -57,8 +58,9 @@ fn variation_in_cells(case: &Case) -> Option<String> {
         format!(
             "initial.f varies within the cells: their values at the centres are {} off (relative \
              L2), which an estimate of the grid's error does not see; take more cells or a \
-             scheme.degree above 0",
-            percent(relative)
+             scheme.degree above 0{}",
+            percent(relative),
+            if allows_elements(case) { "" } else { WITH_REST_ON_A_FACE }
         )
     })
 }
