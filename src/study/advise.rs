@@ -141,7 +141,8 @@ impl<'a> Study<'a> {
         }
         self.try_own_grid()?;
         let mut found = self.grids_by_scheme()?;
-        self.price_next_grids(&found);
+        self.wanted.clear();
+        self.price_next_grids(&found, 0.0);
         for of_scheme in &found {
             self.add_set_ups(of_scheme)?;
         }
@@ -234,17 +235,18 @@ impl<'a> Study<'a> {
 /// least longer budget may settle, or else of the one that has the fewest cells.
 fn out_of_reach(name: &str, accuracy: f64, entries: &[SetupReport]) -> Error {
     let one_grid = |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
-    let verdict = match entries.iter().any(one_grid) {
+    let all: Vec<&SetupReport> = entries.iter().collect();
+    let nearest = nearest(&all);
+    let verdict = match nearest.is_some() || entries.iter().any(one_grid) {
         true => "is not settled within this budget",
         false => "is out of reach",
     };
     let reason =
         |e: &SetupReport| format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default());
-    let all: Vec<&SetupReport> = entries.iter().collect();
     let fewest = || {
         let fewest = entries.iter().min_by(|a, b| a.cells.total_cmp(&b.cells));
         fewest.map_or(String::new(), |e| format!("With the fewest cells, {}", reason(e)))
     };
-    let reason = nearest(&all).map_or_else(fewest, reason);
+    let reason = nearest.map_or_else(fewest, reason);
     Error::Input(format!("{name}: --accuracy {accuracy:e} of the density {verdict}. {reason}"))
 }

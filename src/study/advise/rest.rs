@@ -6,7 +6,7 @@
 //! which budget holds the next grid of a scheme.
 
 use crate::base::error::Result;
-use crate::problem::case::Method;
+use crate::problem::case::{Limiter, Method};
 use crate::study::advise::Study;
 use crate::study::advise::grid_search::{Goal, GridSearch, SchemeWithGrid, next_grid};
 use crate::study::budget::Budget;
@@ -43,11 +43,9 @@ impl Study<'_> {
         grids
     }
 
-    /// Finds the budgets that hold the next grids of schemes whose order is open, each with those
-    /// that are cheaper.
-    pub(super) fn price_next_grids(&mut self, found: &[SchemeWithGrid]) {
-        self.wanted.clear();
-        let mut updates = 0.0;
+    /// Finds the budgets that hold the next grids of schemes in `found` whose order is open, each
+    /// with those that are cheaper, after trials of so many `updates`.
+    pub(super) fn price_next_grids(&mut self, found: &[SchemeWithGrid], mut updates: f64) {
         for next in self.next_grids(found) {
             updates += next.updates;
             let seconds = Budget::seconds_for(updates, FOR_NEXT_GRIDS);
@@ -80,8 +78,8 @@ impl Study<'_> {
         next_grids: Vec<NextGrid>,
         found: &mut [SchemeWithGrid],
     ) -> Result<()> {
-        let mut tried = Vec::new();
-        for NextGrid { of, shape, .. } in next_grids {
+        let (mut tried, mut spent) = (Vec::new(), 0.0);
+        for NextGrid { of, shape, updates } in next_grids {
             let scheme = found[of].scheme;
             if !self.trials.affords(scheme, &shape, FOR_NEXT_GRIDS)? {
                 break;
@@ -89,18 +87,26 @@ impl Study<'_> {
             // A failed trial leaves the set-up as it was.
             if self.trials.run(scheme, &shape).is_ok() {
                 tried.push(of);
+                spent += updates;
             }
         }
         for (k, &of) in tried.iter().enumerate() {
             let share = REST * (k + 1) as f64 / tried.len() as f64;
             self.search_on(&mut found[of], share);
         }
-        self.price_next_grids(found);
+        self.price_next_grids(found, spent);
         self.share = REST;
         for of in tried {
             let scheme = found[of].scheme;
-            let names = [Method::Classical, Method::Schrodingerized].map(|m| self.name(m, scheme));
+            let mut names = vec![self.name(Method::Classical, scheme)];
+            // Set-ups with slopes have the name of those without by modes, which they have not.
+            if scheme.limiter == Limiter::None {
+                names.push(self.name(Method::Schrodingerized, scheme));
+            }
             self.candidates.retain(|candidate| !names.contains(&candidate.entry.name));
+            let failed =
+                |line: &str| names.iter().any(|name| line.starts_with(&format!("{name} on ")));
+            self.left_out.retain(|line| !failed(line));
             self.add_set_ups(&found[of])?;
         }
         Ok(())
