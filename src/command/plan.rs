@@ -87,8 +87,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<J
         print_json(world, &PlanJson { plan: &plan, advice: &advice, calibration });
     } else {
         print(world, &plan.to_string());
-        print(world, &errors(case));
-        print(world, &readout(case));
+        print(world, &(errors(case) + &readout(case)));
         print(world, &advice.to_string());
         if let Some(calibration) = calibration {
             print(world, &calibration.to_string());

@@ -266,8 +266,8 @@ fn meshes(grid: &PhaseSpace, ranks: usize) -> impl Iterator<Item = ProcessMesh> 
     })
 }
 
-/// The sentence on what reduces the memory of a run that stores its modes and does not fit. `given` is
-/// whether `solver.warp.points` can be given.
+/// The sentence on what reduces the memory of a run that stores its modes and does not fit. `given`
+/// is whether `solver.warp.points` can be given.
 fn fewer_points(work: PlannedWork<'_>, given: bool, resources: &Resources) -> String {
     let most = match Layout::largest_points(work, resources) {
         Some((points, _)) => format!("at most {points} fit"),

@@ -10,7 +10,8 @@
 //! `f` ([`spread`](crate::study::density::spread)) and is tried on a coarse grid.
 //!
 //! Counted work decides what is tried, so that the advice does not depend on the machine; rank 0's
-//! clock only stops a search that takes far longer than counted ([`crate::study::budget`]). If the
+//! clock only stops a search that takes far longer than counted ([`crate::study::budget`]). Schemes
+//! whose order is still open get finer grids from the rest of the budget (`rest`). If the
 //! search finds nothing, or only set-ups that take longer than the search itself, it goes on with
 //! as much work as this machine can do in the time that is left.
 

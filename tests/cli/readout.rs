@@ -224,7 +224,7 @@ fn no_readout_is_announced_before_the_run() {
         (
             "example1.toml",
             &["solver.method=classical", "readout={points=[[0.5]]}"],
-            "readout of 1 cell: unavailable: solver.method = \"classical\" prepares no quantum state",
+            "readout of 1 cell: unavailable: solver.method = \"classical\" prepares no",
         ),
         ("example2.toml", &["readout={cells=[[3],[4]]}"], "readout of 2 cells: unavailable: "),
     ];

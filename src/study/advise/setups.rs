@@ -88,8 +88,8 @@ pub struct SetupReport {
     pub seconds: Option<f64>,
     /// Whether the seconds were measured on this grid; otherwise they are predicted from trials.
     pub seconds_measured: bool,
-    /// The budget in seconds that may hold the next grid of its sequence, if its order is assumed or
-    /// is from one pair of errors.
+    /// The budget in seconds that may hold the next grid of its sequence, if its order is assumed
+    /// or is from one pair of errors.
     pub wanted_budget: Option<f64>,
     /// The reason why the set-up is refused; `None` if it can be run.
     pub refused: Option<String>,
