@@ -127,6 +127,12 @@ def test_faces_of_constants(made: pw.Case) -> None:
     np.testing.assert_array_equal(made.faces("x"), expected)
 
 
+def test_faces_of_a_float(made: pw.Case) -> None:
+    expected = made.faces("x")
+    made["axis.0.x.cells"] = float(len(expected) - 1)
+    np.testing.assert_array_equal(made.faces("x"), expected)
+
+
 def test_grid(made: pw.Case) -> None:
     grid = made.grid()
     assert list(grid) == ["x", "vx"]

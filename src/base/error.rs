@@ -3,9 +3,9 @@
 use crate::base::refusal::Refusal;
 use std::path::PathBuf;
 
-/// Remedies that lower the memory of any run, as text.
+/// The sentence on what lowers the memory of any run.
 pub const LESS_MEMORY: &str = "fewer cells (axis.N.x.cells, axis.N.v.cells), more ranks on more \
-                               nodes, or a larger solver.tolerance";
+                               nodes, or a larger solver.tolerance need less";
 
 /// Everything that ends a command early.
 #[derive(Debug, thiserror::Error)]
@@ -31,9 +31,7 @@ pub enum Error {
         place: String,
     },
     /// More memory than there is.
-    #[error(
-        "memory: {needed} needed per rank ({detail}), {available} available; {remedies} need less"
-    )]
+    #[error("memory: {needed} needed per rank ({detail}), {available} available; {remedies}")]
     Memory {
         /// Planned bytes a rank, as text.
         needed: String,
@@ -41,7 +39,7 @@ pub enum Error {
         available: String,
         /// The largest array.
         detail: String,
-        /// Changes of the case that need less memory.
+        /// The sentence on changes of the case or of the job with which it fits.
         remedies: String,
     },
     /// No profile reaches the tolerance in double precision.

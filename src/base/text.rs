@@ -195,6 +195,13 @@ pub fn rounded_down(x: f64) -> f64 {
     format!("{digit}e{power}").parse().unwrap_or(x)
 }
 
+/// The smallest number of two digits that is not smaller than `x > 0`.
+pub fn rounded_up(x: f64) -> f64 {
+    let power = x.log10().floor() as i32 - 1;
+    let digits = (x / 10f64.powi(power) * (1.0 - 1e-9)).ceil();
+    format!("{digits}e{power}").parse().unwrap_or(x)
+}
+
 /// Four digits, without trailing zeros.
 pub fn short(value: f64) -> String {
     digits(value, 4)
@@ -333,6 +340,13 @@ mod tests {
     fn tolerances_are_rounded_down_to_a_digit() {
         for (x, digit) in [(3.7e-4, 3e-4), (1e-3, 1e-3), (0.1, 0.1), (9.99e-5, 9e-5)] {
             assert_eq!(rounded_down(x), digit);
+        }
+    }
+
+    #[test]
+    fn budgets_are_rounded_up_to_two_digits() {
+        for (x, digits) in [(44.2, 45.0), (40.0, 40.0), (99.1, 100.0), (1001.0, 1100.0)] {
+            assert_eq!(rounded_up(x), digits);
         }
     }
 

@@ -7,6 +7,7 @@ use crate::base::text::{
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{self, Case, Data, Integrator, Method};
 use crate::problem::grid::PhaseSpace;
+use crate::quantum::purpose::CasePurpose;
 
 /// The case in lines: axes, formulas, method, reductions, number of unknowns and rates.
 pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
@@ -15,9 +16,7 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     text += &formulas(case);
     text += &method(case, bounds);
     text += &errors(case);
-    if let Some(readout) = &case.readout {
-        text += &readout_line(readout);
-    }
+    text += &readout(case);
     for line in &case.reductions.dropped {
         text += &format!("reduced {line}\n");
     }
@@ -205,13 +204,18 @@ pub(crate) fn errors(case: &Case) -> String {
     format!("{}: {of_algorithm}; {GRID_ERROR}: {of_grid}\n", sentence(ALGORITHM_ERROR))
 }
 
-/// The line about `[readout]`.
-fn readout_line(readout: &case::ReadoutSettings) -> String {
+/// The line about `[readout]`: its measurements, or why there are none. Empty without `[readout]`.
+pub(crate) fn readout(case: &Case) -> String {
+    let Some(readout) = &case.readout else { return String::new() };
+    let cells = counted(readout.cells.len(), "cell", "cells");
+    if let Some(why) = CasePurpose::Readout.why_not(case) {
+        return format!("readout of {cells}: unavailable: {why}\n");
+    }
     let effort = match readout.effort {
         case::MeasurementEffort::Given { shots, evaluations } => {
             format!("{shots} shots, {evaluations} evaluations")
         }
         case::MeasurementEffort::Accuracy(accuracy) => format!("to {accuracy:e}"),
     };
-    format!("readout of {} cells: {effort}, seed {}\n", readout.cells.len(), readout.seed)
+    format!("readout of {cells}: {effort}, seed {}\n", readout.seed)
 }

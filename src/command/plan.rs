@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::command::accuracy::with_accuracy;
 use crate::command::cli::PlanArgs;
-use crate::command::describe::errors;
+use crate::command::describe::{errors, readout};
 use crate::command::loading::load;
 use crate::command::printing::{print, print_as, print_json};
 use crate::command::sbatch::{self, JobResources};
@@ -87,7 +87,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<J
         print_json(world, &PlanJson { plan: &plan, advice: &advice, calibration });
     } else {
         print(world, &plan.to_string());
-        print(world, &errors(case));
+        print(world, &(errors(case) + &readout(case)));
         print(world, &advice.to_string());
         if let Some(calibration) = calibration {
             print(world, &calibration.to_string());

@@ -168,6 +168,11 @@ fn closing_line(summary: &Summary, directory: &Path) -> String {
     }
     if let Some(least) = summary.minimum_before_limiting {
         line += &format!(", least value {least:.1e} before output.positive");
+        if summary.minimum < 0.0 {
+            let left = summary.minimum;
+            line +=
+                &format!(" and {left:.1e} after it, where the average of an element is below 0");
+        }
     }
     format!("{line}; results in {}", directory.display())
 }

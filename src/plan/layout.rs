@@ -8,7 +8,7 @@ use crate::matrix::lanes::Lanes;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance;
 use crate::plan::balance::Batch;
-use crate::plan::memory::{PlannedWork, arrays, memory_of_points};
+use crate::plan::memory::{PlannedWork, arrays, memory_of_points, program_bytes};
 use crate::problem::case::{Case, Method};
 use crate::problem::grid::PhaseSpace;
 use crate::problem::limits::MOST_POINTS;
@@ -66,6 +66,10 @@ impl Resources {
         Self { ranks_x: Some(mesh.space.clone()), ..self.clone() }
     }
 }
+
+/// The sentence on what helps where the program itself does not fit.
+const FEWER_RANKS: &str = "program and libraries alone take more than that: fewer ranks on a node \
+                           leave more memory for each";
 
 /// Refuses a grid that no layout fits into the memory of `resources`, before anything is evaluated
 /// on the grid.
@@ -245,6 +249,8 @@ impl Layout {
             available: bytes_text(limit),
             detail: format!("{name}: {}", bytes_text(bytes)),
             remedies: match work.warp.filter(|warp| warp.points.is_some()) {
+                // Whatever the case is, it does not fit.
+                _ if program_bytes(resources.ranks) > limit => FEWER_RANKS.to_owned(),
                 Some(warp) => fewer_points(work, warp.takes_points(), resources),
                 None => LESS_MEMORY.to_owned(),
             },
@@ -260,8 +266,8 @@ fn meshes(grid: &PhaseSpace, ranks: usize) -> impl Iterator<Item = ProcessMesh> 
     })
 }
 
-/// Suggestions that reduce the memory of a run that stores its modes and does not fit. `given` is
-/// whether `solver.warp.points` can be given.
+/// The sentence on what reduces the memory of a run that stores its modes and does not fit. `given`
+/// is whether `solver.warp.points` can be given.
 fn fewer_points(work: PlannedWork<'_>, given: bool, resources: &Resources) -> String {
     let most = match Layout::largest_points(work, resources) {
         Some((points, _)) => format!("at most {points} fit"),
@@ -279,7 +285,10 @@ fn fewer_points(work: PlannedWork<'_>, given: bool, resources: &Resources) -> St
             )
         }
     };
-    format!("{fewer}, more ranks on more nodes, or fewer cells (axis.N.x.cells, axis.N.v.cells)")
+    format!(
+        "{fewer}, more ranks on more nodes, or fewer cells (axis.N.x.cells, axis.N.v.cells) need \
+         less"
+    )
 }
 
 /// The largest even number from 2 to `most` whose `memory`, which does not decrease, is within

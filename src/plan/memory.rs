@@ -44,6 +44,11 @@ pub fn program_file_bytes(ranks: usize) -> u64 {
     if ranks > 1 { 59 << 19 } else { 53 << 19 }
 }
 
+/// Bytes of the program and its libraries on a rank, of `ranks` in all.
+pub fn program_bytes(ranks: usize) -> u64 {
+    PROGRAM_BYTES + u64::from(ranks > 1) * EXCHANGE_BYTES + program_file_bytes(ranks)
+}
+
 /// Bytes of an output time beside its numbers: its lists, and the lists of its datasets while they
 /// are written.
 const TIME_BYTES: u64 = 5 << 9;
@@ -195,9 +200,7 @@ impl<'a> FullestRank<'a> {
 
     /// The program and its libraries.
     fn program(&self) -> NamedBytes {
-        let ranks = self.mesh.ranks();
-        let allocated = PROGRAM_BYTES + u64::from(ranks > 1) * EXCHANGE_BYTES;
-        NamedBytes::new("program and libraries", allocated + program_file_bytes(ranks))
+        NamedBytes::new("program and libraries", program_bytes(self.mesh.ranks()))
     }
 
     /// Arrays while the rows of the matrix are assembled, layer by layer along the first x-axis.

@@ -7,6 +7,7 @@ pub use crate::problem::case::GridErrorPair;
 use crate::problem::case::{Case, Exact, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
 use crate::problem::potential::oblique::oblique_edges;
+use crate::scheme::interface::energy::{WITH_REST_ON_A_FACE, allows_elements};
 use serde::{Deserialize, Serialize};
 
 /// Relative errors of the grid that particles of the exact flow show; `None` where they do not.
@@ -305,11 +306,14 @@ impl Accuracy {
         let is_classical = case.method == Method::Classical;
         let may_have_slopes = is_classical && case.has_upwind_cells() && !case.varies();
         let key = case.degree_keys(degree);
+        let needs = if allows_elements(case) { "" } else { WITH_REST_ON_A_FACE };
         let article = if key.starts_with("axis") { "an" } else { "a" };
         let or = match degree {
             0 if case.limiter != Limiter::None => String::new(),
-            0 if may_have_slopes => format!(", {article} {key} above 0 or slopes (scheme.limiter)"),
-            0 => format!(" or {article} {key} above 0"),
+            0 if may_have_slopes => {
+                format!(", {article} {key} above 0{needs} or slopes (scheme.limiter)")
+            }
+            0 => format!(" or {article} {key} above 0{needs}"),
             1 | 2 => format!(" or a higher {key}"),
             LARGEST_DEGREE.. => String::new(),
             // Where data jump, degrees above 3 gain little.

@@ -6,6 +6,7 @@
 
 use crate::base::text::{counted, percent, rounded, short};
 use crate::problem::case::DEGREE_KEY;
+use crate::scheme::interface::energy::WITH_REST_ON_A_FACE;
 use serde::{Deserialize, Serialize};
 
 /// Larger parts of the mass give a warning, and jumps of `V` below this part of the mean energy.
@@ -36,6 +37,10 @@ pub struct Ledger {
     pub jumps: Vec<AxisJumps>,
     /// The regions of `V` that lie between others.
     pub regions: Vec<NarrowRegion>,
+    /// Whether a degree above 0 is refused on the velocity cells, as `v = 0` is not on a face of
+    /// them where `V` jumps.
+    #[serde(default)]
+    pub rest_in_cell: bool,
     /// The numbers that could not be found, and why.
     pub omitted: Vec<String>,
     /// The keys that give the lowest degree of the axes, for remedies.
@@ -204,12 +209,13 @@ impl Ledger {
         let missed = self.missed_by_grid().filter(|m| m.abs() > NOTICEABLE)?;
         Some(format!(
             "mass: the grid holds {} at t = 0, the formula {}: {} {}; take more cells where the \
-             data change, or a higher {}",
+             data change, or a higher {}{}",
             short(self.mass.initial?),
             short(self.mass.formula?),
             percent(missed.abs()),
             if missed > 0.0 { "too much" } else { "is missing" },
-            self.degree_keys
+            self.degree_keys,
+            self.after_degree()
         ))
     }
 
@@ -297,10 +303,16 @@ impl Ledger {
         Some(format!(
             "mass: {} of it {gone_or_gained}, by the particles of the exact flow: the grid does \
              not resolve V or f, or smears f over an end of the box{or_pulse}; more \
-             cells{or_interface} or a higher {}",
+             cells{or_interface} or a higher {}{}",
             percent(share.abs()),
-            self.degree_keys
+            self.degree_keys,
+            self.after_degree()
         ))
+    }
+
+    /// What a higher degree takes besides, if it is refused on these velocity cells.
+    fn after_degree(&self) -> &'static str {
+        if self.rest_in_cell { WITH_REST_ON_A_FACE } else { "" }
     }
 
     /// A difference of masses with the standard error `error`, as a share of all mass, if it is
@@ -390,8 +402,9 @@ impl Ledger {
             format!(
                 "potential.{potential}: {} wide along {axis}: the grid does not resolve f in it, \
                  where slow particles may be several times as many as they should be; take more \
-                 cells ({CELLS_OF_REGION} across it), or {degree_key} = 2",
-                counted(*cells, "cell", "cells")
+                 cells ({CELLS_OF_REGION} across it), or {degree_key} = 2{}",
+                counted(*cells, "cell", "cells"),
+                self.after_degree()
             )
         })
     }

@@ -341,6 +341,10 @@ pub struct Summary {
     /// tolerance.
     #[serde(skip)]
     pub inflow_jumps: bool,
+    /// Relative error of `f` that a warped field at the start may cause, if it exceeds the
+    /// tolerance.
+    #[serde(skip)]
+    pub start_error: Option<f64>,
     /// Whether the estimate is reliable. It is not if round-off hides the difference, if there is
     /// only one recovery point, if both may have the same error (`WarpPlan::estimate_doubt`), or if
     /// a step is too long to estimate its error.
@@ -464,7 +468,14 @@ impl Summary {
             Some(continued) => continued.error_total,
             None => own,
         };
-        let planned = |asked: f64| format!("not estimated (planned within {asked:e})");
+        let start_error = self.start_error;
+        let planned = |asked: f64| match start_error {
+            None => format!("not estimated (planned within {asked:e})"),
+            Some(start) => format!(
+                "not estimated (up to {start:.1e} by initial.warped, and planned within {asked:e} \
+                 from there)"
+            ),
+        };
         let inherited = self.continued.as_ref().map(|continued| continued.error_inherited);
         let algorithm_unknown = match (algorithm, own, &self.continued) {
             (Some(_), ..) => None,

@@ -27,6 +27,7 @@ use crate::run::ledger::draw::{
     Particle, ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
 };
 use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker};
+use crate::scheme::interface::energy::allows_elements;
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
 
@@ -72,6 +73,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     let mut found = LedgerBeforeRun::default();
     let ledger = &mut found.ledger;
     ledger.degree_keys = case.degree_keys(case.space.lowest_degree());
+    ledger.rest_in_cell = !allows_elements(case);
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \

@@ -88,6 +88,7 @@ pub(crate) fn by_modes(
     summary.checkpoints = checkpoints.map_or(0, |c| c.written);
     set_counts(summary, &recovered, communicator);
     drop(start.kept);
+    summary.start_error = start.begun.as_ref().and_then(|begun| begun.error);
     let warning = start.begun.and_then(|begun| begun.warning);
     Ok(Some(SolvedFields { warning, ..unweighted(prepared, recovered, summary) }))
 }
@@ -341,7 +342,9 @@ struct StartModes {
     largest_norm: f64,
     /// Checksum of the file's dataset `/w`.
     checksum: u64,
-    /// A warning of the error of `f`, if it may exceed the tolerance.
+    /// Relative error of `f` that they may cause, if it exceeds the tolerance.
+    error: Option<f64>,
+    /// A warning of that error.
     warning: Option<String>,
 }
 
@@ -414,5 +417,6 @@ fn read_start(
         kept.progress_mut()[k] = ModeProgress::start(norm);
         largest = largest.max(norm);
     }
-    Ok(StartModes { largest_norm: communicator.world.max(largest), checksum, warning })
+    let error = warning.as_ref().map(|_| unevenness);
+    Ok(StartModes { largest_norm: communicator.world.max(largest), checksum, error, warning })
 }

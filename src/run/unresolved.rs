@@ -8,6 +8,7 @@ use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::ObliqueEdge;
 use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
+use crate::scheme::interface::energy::{WITH_REST_ON_A_FACE, allows_elements};
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
 const BEYOND: f64 = 0.1;
@@ -58,9 +59,10 @@ fn variation_in_cells(case: &Case) -> Option<String> {
         format!(
             "initial.f varies within the cells: their values at the centres are {} off (relative \
              L2), which an estimate of the grid's error does not see; take more cells or {} above \
-             0",
+             0{}",
             percent(relative),
-            case.degree_keys(0)
+            case.degree_keys(0),
+            if allows_elements(case) { "" } else { WITH_REST_ON_A_FACE }
         )
     })
 }

@@ -2,7 +2,7 @@
 
 use crate::base::text::{coordinate_text, counted};
 use crate::plan::Plan;
-use crate::problem::case::{Case, Delta, Method, Region};
+use crate::problem::case::{Case, Delta, Integrator, Method, Region};
 use crate::problem::grid::SPACE_NAMES;
 use crate::problem::potential::oblique::oblique_edges;
 use crate::problem::potential::{MOST_STRAY_EDGES, StrayEdge, unresolved_regions};
@@ -37,8 +37,31 @@ pub fn warnings(case: &Case) -> Vec<String> {
         .chain(vanishing_parts(case))
         .chain(idle)
         .chain(unread)
+        .chain(unstable_steps(case))
         .chain(limited)
         .collect()
+}
+
+/// Below this flux, cells of degree 0 have waves that hardly decay, too.
+const LEAST_DECAY: f64 = 0.5;
+
+/// The warning of steps of forward Euler that grow: `|1 + λ Δt| > 1` for eigenvalues `λ` near the
+/// imaginary axis.
+fn unstable_steps(case: &Case) -> Option<String> {
+    let explicit = case.method == Method::Classical && case.integrator == Integrator::ForwardEuler;
+    let degree = case.space.whole_degree();
+    let what = match degree {
+        0 if case.flux < LEAST_DECAY => format!("scheme.flux = {}", case.flux),
+        0 => return None,
+        _ => format!("scheme.degree = {degree}"),
+    };
+    explicit.then(|| {
+        format!(
+            "solver.classical.integrator = \"forward-euler\" has no stable step with {what}: waves \
+             that hardly decay grow, more on finer grids; \"ssp-rk3\" and \"exponential\" keep \
+             them from growing"
+        )
+    })
 }
 
 /// Largest number of edges that are named one by one.

@@ -10,13 +10,15 @@
 //! `f` ([`spread`](crate::study::density::spread)) and is tried on a coarse grid.
 //!
 //! Counted work decides what is tried, so that the advice does not depend on the machine; rank 0's
-//! clock only stops a search that takes far longer than counted ([`crate::study::budget`]). If the
+//! clock only stops a search that takes far longer than counted ([`crate::study::budget`]). Schemes
+//! whose order is still open get finer grids from the rest of the budget (`rest`). If the
 //! search finds nothing, or only set-ups that take longer than the search itself, it goes on with
 //! as much work as this machine can do in the time that is left.
 
 mod candidates;
 pub mod grid_search;
 pub mod report;
+mod rest;
 pub mod scheme;
 mod scheme_search;
 pub mod settings;
@@ -33,10 +35,13 @@ use crate::study::advise::grid_search::{Evidence, SchemeWithGrid};
 use crate::study::advise::report::{may_be_slow, warnings};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::base_case;
-use crate::study::advise::setups::{AdviceReport, GivenCase, SetupReport, mark_expensive};
+use crate::study::advise::setups::{
+    AdviceReport, GivenCase, SetupReport, mark_expensive, mark_too_long, nearest,
+};
 use crate::study::advise::trials::Trials;
 use crate::study::budget::{Budget, refuse_slow_grid};
 use crate::study::trial::refuse_start_from_file;
+use std::collections::BTreeMap;
 
 /// Part of the budget up to which schemes are run by modes; the rest is for other fluxes of the
 /// best.
@@ -93,6 +98,9 @@ struct Study<'a> {
     share: f64,
     left_out: Vec<String>,
     candidates: Vec<SetupCandidate>,
+    /// The budget in seconds that may hold the next grid of a scheme, for those whose order is
+    /// open.
+    wanted: BTreeMap<SchemeChoice, f64>,
     /// Whether the search ended without a failed trial.
     ended: bool,
 }
@@ -116,6 +124,7 @@ impl<'a> Study<'a> {
             share: FOR_SCHEMES,
             left_out: Vec::new(),
             candidates: Vec::new(),
+            wanted: BTreeMap::new(),
             ended: false,
         })
     }
@@ -132,20 +141,30 @@ impl<'a> Study<'a> {
             self.left_out.push(slopes.to_owned());
         }
         self.try_own_grid()?;
-        let found = self.grids_by_scheme()?;
-        for SchemeWithGrid { scheme, reached } in &found {
-            self.add_classical(*scheme, reached)?;
-            if scheme.limiter == Limiter::None {
-                self.add_schrodingerized(*scheme, reached)?;
-            }
+        let mut found = self.grids_by_scheme()?;
+        self.wanted.clear();
+        self.price_next_grids(&found, 0.0);
+        for of_scheme in &found {
+            self.add_set_ups(of_scheme)?;
         }
         self.try_fluxes(&found)?;
+        self.spend_rest(&mut found)?;
         let given = match found.iter().find(|found| found.scheme == SchemeChoice::of(self.case)) {
             Some(SchemeWithGrid { scheme, reached }) => self.given_case(*scheme, reached)?,
             None => None,
         };
         self.ended = true;
         self.advised(given)
+    }
+
+    /// Adds the set-ups of a scheme on its grid: the classical one, and that by modes if they can
+    /// run it. Collective.
+    fn add_set_ups(&mut self, SchemeWithGrid { scheme, reached }: &SchemeWithGrid) -> Result<()> {
+        self.add_classical(*scheme, reached)?;
+        match scheme.limiter {
+            Limiter::None => self.add_schrodingerized(*scheme, reached),
+            _ => Ok(()),
+        }
     }
 
     /// Whether more trials may find something cheaper: the search ended and advises nothing, or its
@@ -177,6 +196,7 @@ impl<'a> Study<'a> {
         let mut entries: Vec<SetupReport> = candidates.into_iter().map(settled).collect();
         let mut warnings = warnings(case, &entries);
         mark_expensive(&mut entries, request.budget);
+        mark_too_long(&mut entries, request.budget);
         // The least counted work; of equal ones the first, which has the case's own interface.
         let best = [Method::Schrodingerized, Method::Classical].map(|method| {
             (entries.iter())
@@ -212,20 +232,23 @@ impl<'a> Study<'a> {
     }
 }
 
-/// The error for an accuracy that none of `entries` reaches, with the reason of the set-up that has
-/// the fewest cells.
+/// The error for an accuracy that none of `entries` reaches, with the reason of the set-up that the
+/// least longer budget may settle, or else of the one that has the fewest cells.
 fn out_of_reach(name: &str, accuracy: f64, entries: &[SetupReport]) -> Error {
     let one_grid = |e: &SetupReport| e.known == Evidence::Extrapolated && e.order.pairs.is_empty();
-    let verdict = if entries.iter().any(one_grid) {
+    let all: Vec<&SetupReport> = entries.iter().collect();
+    let nearest = nearest(&all);
+    let verdict = if nearest.is_some() || entries.iter().any(one_grid) {
         "is not settled within this budget"
     } else {
         "is out of reach"
     };
-    let fewest = entries.iter().min_by(|a, b| a.cells.total_cmp(&b.cells));
-    let reason = fewest.map_or(String::new(), |e| {
-        format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default())
-    });
-    Error::Input(format!(
-        "{name}: --accuracy {accuracy:e} of the density {verdict}. With the fewest cells, {reason}"
-    ))
+    let reason =
+        |e: &SetupReport| format!("{}: {}", e.name, e.refused.as_deref().unwrap_or_default());
+    let fewest = || {
+        let fewest = entries.iter().min_by(|a, b| a.cells.total_cmp(&b.cells));
+        fewest.map_or(String::new(), |e| format!("With the fewest cells, {}", reason(e)))
+    };
+    let reason = nearest.map_or_else(fewest, reason);
+    Error::Input(format!("{name}: --accuracy {accuracy:e} of the density {verdict}. {reason}"))
 }

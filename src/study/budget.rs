@@ -4,6 +4,7 @@
 //! decisions that must be the same on every machine and on any number of ranks.
 
 use crate::base::error::{Error, Result};
+use crate::base::text::{rounded_up, short};
 use crate::parallel::communicator::{Group, World};
 use crate::plan::here::seconds_before_solving;
 use crate::problem::case::Case;
@@ -12,6 +13,9 @@ use std::time::Instant;
 /// Updates of an unknown that count as a second: at most a third of what a core does, so that it
 /// holds on a busy machine, too.
 const UPDATES_PER_SECOND: f64 = 4e7;
+
+/// Longest budget in seconds that is named to the user.
+const LONGEST_BUDGET: f64 = 1e5;
 
 /// Part of the time left that is allowed for, once the rate of this machine is known.
 const OF_TIME_LEFT: f64 = 0.6;
@@ -40,13 +44,22 @@ pub fn refuse_slow_grid(world: &World, case: &Case, limit: f64) -> Result<()> {
     })
 }
 
+/// A `budget` in seconds in words, rounded up.
+pub fn longer(budget: f64) -> String {
+    if budget < LONGEST_BUDGET {
+        format!("a --budget of about {} s", short(rounded_up(budget)))
+    } else {
+        "a longer --budget".to_owned()
+    }
+}
+
 /// The time limit of a study, and the part of it that was used.
 ///
 /// [`fits_count`](Self::fits_count) goes by counted updates alone. [`fits`](Self::fits) goes by
 /// both measures, the count and rank 0's clock. [`fits_first`](Self::fits_first) goes by this
 /// rank's clock, [`has_time_for`](Self::has_time_for) by rank 0's.
-/// [`recount`](Self::recount) allows for updates by the clock, and
-/// [`seconds_for`](Self::seconds_for) turns updates into seconds.
+/// [`recount`](Self::recount) allows for updates by the clock, [`aside`](Self::aside) counts them
+/// apart, and [`seconds_for`](Self::seconds_for) turns updates into seconds.
 pub struct Budget {
     all: Group,
     started: Instant,
@@ -155,10 +168,27 @@ impl Budget {
         !late && self.fits_count(self.counted + updates, part)
     }
 
-    /// A budget in seconds of which a trial of `updates` takes the `part`, on a machine as fast as
-    /// counting allows for.
+    /// A budget in seconds of which trials of `updates` take the `part`.
     pub fn seconds_for(updates: f64, part: f64) -> f64 {
-        updates / (part * MOST_MORE * UPDATES_PER_SECOND)
+        updates / (part * UPDATES_PER_SECOND)
+    }
+
+    /// Whether less than this `part` of the time has passed. Collective.
+    pub fn is_before(&self, part: f64) -> bool {
+        self.decide(self.elapsed() < part * self.limit)
+    }
+
+    /// Counts from zero, apart from what was counted so far, until [`count_again`] gets the number
+    /// that this returns.
+    ///
+    /// [`count_again`]: Self::count_again
+    pub fn aside(&mut self) -> f64 {
+        std::mem::take(&mut self.counted)
+    }
+
+    /// Goes on from the `counted` updates that [`aside`](Self::aside) returned.
+    pub fn count_again(&mut self, counted: f64) {
+        self.counted_before += std::mem::replace(&mut self.counted, counted);
     }
 
     /// Starts counting from zero again. Allowed is then what this machine does in [`OF_TIME_LEFT`]

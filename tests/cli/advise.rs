@@ -270,6 +270,40 @@ fn budgets_do_not_contradict_each_other() {
     assert!(compared >= 6, "{compared} compared: {short:#}");
 }
 
+/// Elements that a short budget does not compare name a longer one, and that compares them.
+#[test]
+fn a_named_budget_allows_what_it_names() {
+    const BEAM: &str = r#"
+        potential = [{ where = "x > 0.4", value = "0.12" }, { value = "0" }]
+        initial.f = "exp(-((x + 0.5)^2/0.04 + (v - 0.85)^2/0.02))"
+        time.end = 1.8
+        [[axis]]
+        x = { lower = -1.3, upper = 2.1, cells = 34 }
+        v = { lower = -0.7, upper = 1.5, cells = 44 }
+    "#;
+    let place = directory();
+    let path = written(place.path(), BEAM).unwrap();
+    let within = |budget: &str| {
+        let job = advise(&path, "1e-2").with(["--budget", budget]).undisturbed();
+        job.succeed().and_then(|f| f.json()).unwrap()
+    };
+    let short = within("2s");
+    let wanted = |e: &&Value| number(&e["wanted_budget"]);
+    let all = short["entries"].as_array().unwrap();
+    let open: Vec<&Value> = all.iter().filter(|e| wanted(e).is_finite()).collect();
+    // The grid that is priced is the next of a sequence, not one that an assumed order gives.
+    assert!(!open.is_empty() && open.iter().all(|e| wanted(e) < 100.0), "{short:#}");
+    let one_grid = |e: &&Value| {
+        let refused = e["refused"].as_str();
+        refused.is_some_and(|reason| reason.contains("does not hold two grids"))
+    };
+    let single = open.into_iter().filter(one_grid);
+    let Some(first) = single.min_by(|a, b| wanted(a).total_cmp(&wanted(b))) else { return };
+    let long = within(&format!("{}s", (1.1 * wanted(&first)).ceil()));
+    let found = entry(&long, first["name"].as_str().unwrap()).unwrap();
+    assert!(!one_grid(&found), "{first:#} {found:#}");
+}
+
 /// A short budget is kept: set-ups that are extrapolated to a very fine grid are not evaluated cell
 /// by cell, and nothing is claimed about the given case if no order is known.
 #[test]

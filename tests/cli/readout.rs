@@ -217,6 +217,26 @@ fn a_readout_without_a_quantum_state_gives_a_reason() {
     });
 }
 
+/// `check` and `plan` say that nothing will be read, and why, as the run does.
+#[test]
+fn no_readout_is_announced_before_the_run() {
+    let rows: [(&str, &[&str], &str); 2] = [
+        (
+            "example1.toml",
+            &["solver.method=classical", "readout={points=[[0.5]]}"],
+            "readout of 1 cell: unavailable: solver.method = \"classical\" prepares no",
+        ),
+        ("example2.toml", &["readout={cells=[[3],[4]]}"], "readout of 2 cells: unavailable: "),
+    ];
+    check_all(&rows, |(name, set, words)| {
+        for command in ["check", "plan"] {
+            let finished = of_case(command, name).set(set).succeed()?;
+            finished.contains(&finished.output, &[words])?;
+        }
+        Ok(())
+    });
+}
+
 #[test]
 fn mistakes_are_refused() {
     let table: &[(&str, &[&str])] = &[
@@ -230,6 +250,8 @@ fn mistakes_are_refused() {
         ("{points=[[1.51]]}", &["readout.points", "1.51 along x", "-1.5 to 1.5"]),
         ("{cells=[[1]],points=[[0]]}", &["readout.points", "either"]),
         ("{cells=[[1]],shots=0}", &["readout.shots", "at least 1"]),
+        ("{cells=[[1]],shots=1.5}", &["readout.shots", "a whole number"]),
+        ("{cells=[[1]],shots=1e16}", &["readout.shots", "a whole number"]),
         ("{cells=[[1]],shots=9000000000000000}", &["readout.shots", "at most"]),
         ("{cells=[[1]],evaluations=100}", &["readout.evaluations", "power of two"]),
         ("{cells=[[1]],accuracy=0}", &["readout.accuracy", "above 0"]),
@@ -243,6 +265,10 @@ fn mistakes_are_refused() {
     let understood = of_case("check", "example1.toml").set(&[right]);
     let printed = understood.succeed().unwrap().output;
     assert!(printed.contains("readout of 2 cells: to 1e-1, seed 4"), "{printed}");
+    // A whole number may be a float.
+    let shots = ["readout={points=[[0.5]]}", "readout.shots=1e4", "readout.evaluations=6.4e1"];
+    let printed = of_case("check", "example1.toml").set(&shots).succeed().unwrap().output;
+    assert!(printed.contains("readout of 1 cell: 10000 shots, 64 evaluations"), "{printed}");
     all_refused(table, |(readout, wording), _| {
         Mistake::set("example1.toml", &[&format!("readout={readout}")], wording)
     });

@@ -1,8 +1,8 @@
 //! Result files: replacement, storage, attributes, checksums and the default directory.
 
 use crate::support::{
-    Job, Mistake, RESULT_FILES, case, check_all, contents, datasets, differences, directory, near,
-    refused, run, text_of,
+    Job, Mistake, RESULT_FILES, case, check_all, contents, datasets, differences, directory,
+    json_of, near, refused, run, text_of,
 };
 
 /// A refused run does not change older results; a successful one replaces them.
@@ -299,6 +299,20 @@ fn nodes_weights_and_averages() {
         let found = differences(&all, &datasets(place.path()).unwrap());
         assert!(found.is_empty(), "{ranks} ranks: {found:?}");
     }
+}
+
+/// Elements whose averages are negative stay negative, and the run says how far.
+#[test]
+fn what_stays_negative_is_printed() {
+    let place = directory();
+    let few = ["scheme.degree=3", "axis.0.x.cells=6", "axis.0.v.cells=6", "output.positive=true"];
+    let job = run("smooth-beams.toml").set(&few).set(&["solver.method=classical"]);
+    let finished = job.into(place.path()).succeed().unwrap();
+    let summary = json_of(place.path().join("summary.json")).unwrap();
+    let least = summary["minimum"].as_f64().unwrap();
+    assert!(least < 0.0, "{least}");
+    let words = format!("before output.positive and {least:.1e} after it");
+    finished.contains(&finished.output, &[&words]).unwrap();
 }
 
 /// `output.positive` removes negative values at nodes without a change of positive averages or of

@@ -69,6 +69,44 @@ fn region_edges_off_the_faces_give_a_warning() {
     }
 }
 
+/// Where elements would be refused, as `v = 0` is inside of a cell, a warning that names a degree
+/// names the face that is needed, too.
+#[test]
+fn a_degree_that_would_be_refused_is_not_a_remedy() {
+    let slab = "potential=[{where=\"x > 0.1 && x < 0.14\", value=\"0.3\"}, {value=\"0\"}]";
+    let rows = [(128, false), (127, true), (53, true)];
+    check_all(&rows, |(cells, refused)| {
+        let velocities = format!("axis.0.v.cells={cells}");
+        let finished = check("example1.toml").set(&[slab, &velocities]).succeed()?;
+        let remedy = match refused {
+            false => "or scheme.degree = 2\n",
+            true => "or scheme.degree = 2 on velocity cells with a face at v = 0",
+        };
+        finished.contains(&finished.output, &[remedy])?;
+        let elements = check("example1.toml").set(&[slab, &velocities, "scheme.degree=2"]).run()?;
+        let words: &[&str] = if *refused { &["v = 0 must be a face"] } else { &[] };
+        elements.ended(if *refused { 2 } else { 0 }, words)
+    });
+}
+
+/// Steps of forward Euler grow with elements, and with small fluxes; upwind cells are stable.
+#[test]
+fn forward_euler_of_elements_gives_a_warning() {
+    let euler = ["solver.method=classical", "solver.classical.integrator=forward-euler"];
+    let rows: [(&[&str], bool); 5] = [
+        (&["scheme.degree=2"], true),
+        (&["scheme.flux=0.25"], true),
+        (&["scheme.flux=0.5"], false),
+        (&[], false),
+        (&["scheme.degree=2", "solver.classical.integrator=ssp-rk3"], false),
+    ];
+    check_all(&rows, |(settings, warns)| {
+        let finished = check("example1.toml").set(&euler).set(settings).succeed()?;
+        let found = finished.output.contains("has no stable step with scheme.");
+        require(found == *warns, &finished, || format!("warns: {found}"))
+    });
+}
+
 const OVER: &[&str] = &["scheme.degree=3", "axis.0.x.cells=12", "axis.0.v.cells=12"];
 
 /// If `V` jumps or bends between the points of the scheme, `check` prints a warning with the place.

@@ -224,7 +224,8 @@ class Case:
                 axes = json.loads(call(["check", *words, "--json"]))["axes"]
             found = axes[number + (len(axes) // 2 if kind == "v" else 0)]
             lower, upper = found["lower"], found["upper"]
-        return np.linspace(lower, upper, table["cells"] + 1)
+        # The program takes a whole number as a float, too.
+        return np.linspace(lower, upper, int(table["cells"]) + 1)
 
     def grid(self) -> dict[str, np.ndarray]:
         """Return the cell centres of all axes by name, ``x, …, vx, …``: coordinates for xarray.

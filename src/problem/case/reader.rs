@@ -93,6 +93,12 @@ pub fn integer(number: &DeInteger<'_>) -> Option<i64> {
     i64::from_str_radix(number.as_str(), number.radix()).ok()
 }
 
+/// `number`, if it is a whole number below 2^53, up to which floats tell all whole numbers apart.
+fn whole(number: f64) -> Option<i64> {
+    let is_whole = number.fract() == 0.0 && number.abs() < (1u64 << 53) as f64;
+    is_whole.then_some(number as i64)
+}
+
 /// A whole number in decimal digits if it fits into 64 bits, else as it was given.
 pub fn decimal(number: &DeInteger<'_>) -> String {
     integer(number).map_or_else(|| number.as_str().to_owned(), |number| number.to_string())
@@ -216,7 +222,12 @@ impl<'de> Deserializer<'de> for KeyValue<'de> {
     }
 
     fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        match self.value.as_integer().and_then(integer) {
+        let number = match self.value {
+            DeValue::Integer(number) => integer(number),
+            DeValue::Float(number) => number.as_str().parse().ok().and_then(whole),
+            _ => None,
+        };
+        match number {
             Some(number) => visitor.visit_i64(number),
             None if matches!(self.value, DeValue::String(_)) => {
                 self.wrong("a whole number without quotes")

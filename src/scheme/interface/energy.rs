@@ -20,7 +20,10 @@
 use crate::base::error::{Error, Result};
 use crate::base::quadrature::gauss_legendre;
 use crate::base::text::{coordinate_text, short};
+use crate::problem::case::Case;
+use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::grid::Axis;
+use crate::problem::potential::Potential;
 use std::collections::BTreeMap;
 
 #[cfg(test)]
@@ -146,6 +149,35 @@ fn index(cells: usize, side: FaceSide, node: usize) -> usize {
     node + if side == FaceSide::Above { cells } else { 0 }
 }
 
+/// Follows the name of a degree above 0 where [`allows_elements`] does not hold.
+pub const WITH_REST_ON_A_FACE: &str = " on velocity cells with a face at v = 0";
+
+/// Whether an element of `axis` is around `v = 0`: it would have traces in both directions.
+fn splits_rest(axis: &Axis) -> bool {
+    let whole = axis.whole();
+    let at = whole.position(0.0);
+    at > 0.0 && at < whole.elements() as f64 && (at - at.round()).abs() > ON_FACE
+}
+
+/// Whether `case` may have elements on its velocity cells: `v = 0` is a face of them along each
+/// axis where `V` jumps. Where there are too many cells of space to look for jumps, along each
+/// axis.
+pub fn allows_elements(case: &Case) -> bool {
+    let splits = |a: &usize| splits_rest(&case.space.v[*a]);
+    let mut split = (0..case.space.dimension()).filter(splits).peekable();
+    if split.peek().is_none() {
+        return true;
+    }
+    if case.space.space_cells() > MOST_EXAMINED {
+        return false;
+    }
+    // Values of `V` that are not finite are an error elsewhere.
+    Potential::whole(case).map_or(true, |potential| {
+        let jumps = potential.largest_jumps(&case.space);
+        split.all(|a| jumps[a].is_none())
+    })
+}
+
 /// Refuses velocity axes with an element around `v = 0`, which would have traces in both
 /// directions. `V` jumps by at most `height` along the axis, at `place`.
 ///
@@ -156,7 +188,7 @@ pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<(
     const FEW_DIGITS: f64 = 1e-9;
     let whole = axis.whole();
     let (at, elements) = (whole.position(0.0), whole.elements() as f64);
-    if at <= 0.0 || at >= elements || (at - at.round()).abs() <= ON_FACE {
+    if !splits_rest(axis) {
         return Ok(());
     }
     let below = at.round().clamp(1.0, (elements - 1.0).max(1.0));

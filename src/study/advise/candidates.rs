@@ -8,18 +8,15 @@ use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::grid_search::{
-    DISCRETISATION, DensityError, Evidence, FOR_LEVELS, Goal, GridSearch, ReachedGrid,
-    SchemeWithGrid, error_on,
+    DISCRETISATION, DensityError, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid, error_on,
 };
-use crate::study::advise::report::longer;
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
-use crate::study::advise::scheme_search::FOR_GRIDS;
 use crate::study::advise::settings::{command, settings};
 use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport};
 use crate::study::advise::trials::mode_updates;
 use crate::study::advise::{ROUND_OFF, SetupCandidate, Study};
-use crate::study::budget::Budget;
+use crate::study::budget::longer;
 use crate::study::density::{distance, mean_size};
 use crate::study::grids::{MOST_PLANNED_SPACE_CELLS, cells, shape_text};
 use crate::study::trial::final_fields_only;
@@ -55,12 +52,13 @@ impl Study<'_> {
     fn entry(&mut self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
         let vanished = vanished_region(target);
         let wanted_budget = match vanished {
-            None => self.wanted_budget(scheme, reached),
+            None => self.wanted.get(&scheme).copied().filter(|_| reached.is_open()),
             Some(_) => None,
         };
+        let without_order = wanted_budget.filter(|_| reached.order.pairs.is_empty());
         let refused = vanished
-            .or_else(|| wanted_budget.map(not_compared))
-            .or_else(|| self.why_missed(reached));
+            .or_else(|| without_order.map(|budget| not_compared(reached, budget)))
+            .or_else(|| self.why_missed(reached, wanted_budget));
         let settings = settings(self.case, self.trials.base(), target);
         SetupReport {
             name: self.name(target.method, scheme),
@@ -86,20 +84,9 @@ impl Study<'_> {
         }
     }
 
-    /// The budget in seconds that may hold two grids of `scheme`, if only one was tried.
-    fn wanted_budget(&mut self, scheme: SchemeChoice, reached: &ReachedGrid) -> Option<f64> {
-        if !reached.order.pairs.is_empty() || reached.known != Evidence::Extrapolated {
-            return None;
-        }
-        let next = self.trials.degree_case(scheme).grids.twice(&reached.shape);
-        let updates = self.trials.updates_to_try(scheme, &next).unwrap_or(f64::INFINITY);
-        let budget = Budget::seconds_for(updates, FOR_GRIDS * FOR_LEVELS);
-        // That may be too low: the budget that was given does not suffice.
-        Some(budget.max(2.0 * self.request.budget))
-    }
-
-    /// The reason why the grid `reached` does not reach the accuracy; `None` if it does.
-    fn why_missed(&self, reached: &ReachedGrid) -> Option<String> {
+    /// The reason why the grid `reached` does not reach the accuracy; `None` if it does. The next
+    /// grid may fit into the `wanted` budget.
+    fn why_missed(&self, reached: &ReachedGrid, wanted: Option<f64>) -> Option<String> {
         let (error, on) = (reached.error, shape_text(&reached.shape));
         if error <= DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF) {
             return None;
@@ -111,8 +98,9 @@ impl Study<'_> {
             ),
             (false, true) => format!("the error does not fall with the grid: {error:.1e} on {on}"),
             (false, false) => format!(
-                "the error does not fall with the grid yet: {error:.1e} on {on}; a longer --budget \
-                 compares finer grids"
+                "the error does not fall with the grid yet: {error:.1e} on {on}; {} compares finer \
+                 grids",
+                longer(wanted.unwrap_or(f64::INFINITY))
             ),
         })
     }
@@ -339,7 +327,7 @@ impl Study<'_> {
         known: &ReachedGrid,
     ) -> Result<()> {
         let (start, accuracy) = (&known.shape, self.request.accuracy);
-        let goal = Goal { scheme, start, own: start, accuracy, share: 1.0 };
+        let goal = Goal { scheme, start, balance: true, own: start, accuracy, share: 1.0 };
         let why = match GridSearch::new(&mut self.trials, goal).near(known) {
             Ok(Some(reached)) if method == Method::Classical => {
                 return self.add_classical(scheme, &reached);
@@ -406,9 +394,15 @@ impl Study<'_> {
     }
 }
 
-/// The reason why a set-up is refused of which a longer `budget` may hold two grids.
-fn not_compared(budget: f64) -> String {
-    format!("the budget does not hold two grids to compare; {} may allow it", longer(budget))
+/// The reason why a set-up is refused whose grids show no order, and of which a longer `budget` may
+/// hold the next grid.
+fn not_compared(reached: &ReachedGrid, budget: f64) -> String {
+    let what = if reached.grids.is_empty() {
+        "does not hold two grids to compare"
+    } else {
+        "does not hold a third grid, which shows an order"
+    };
+    format!("the budget {what}; {} may allow it", longer(budget))
 }
 
 /// The reason why `target` is refused, if a region of `V` holds no cell centre of its grid. Grids

@@ -22,7 +22,7 @@ const ENOUGH_LEVELS: usize = 5;
 /// A grid is cheap if its trial takes at most this part of the scheme's share of the budget.
 const CHEAP: f64 = 0.02;
 /// Part of the scheme's share for the sequence of grids; the rest is for grids that follow from it.
-pub const FOR_LEVELS: f64 = 0.6;
+const FOR_LEVELS: f64 = 0.6;
 /// Factors on the elements along the axes of space, or of velocity, when a grid is trimmed.
 const FEWER: [f64; 2] = [0.5, 0.75];
 /// Part of the scheme's share for balancing space against velocities on a coarse grid.
@@ -79,6 +79,17 @@ pub struct ReachedGrid {
 }
 
 impl ReachedGrid {
+    /// Whether the grid is extrapolated by an order that is assumed, or is from one pair of errors:
+    /// another grid of the sequence may give another one.
+    pub fn is_open(&self) -> bool {
+        self.known == Evidence::Extrapolated && self.order.pairs.len() < 2
+    }
+
+    /// The shape of the first grid of the sequence.
+    pub fn first(&self) -> &[usize] {
+        self.grids.first().map_or(&self.shape, |grid| &grid.shape)
+    }
+
     /// The error on another grid, extrapolated by the order. The parts of space and velocity each
     /// scale with the elements along their own axes. None if no grid was tried.
     pub fn extrapolated(&self, shape: &[usize]) -> Option<DensityError> {
@@ -129,6 +140,8 @@ pub struct Goal<'a> {
     pub scheme: SchemeChoice,
     /// Shape of the coarse grid to begin with.
     pub start: &'a [usize],
+    /// Whether space and velocities are balanced on a coarse grid first.
+    pub balance: bool,
     /// Shape of the case's own grid.
     pub own: &'a [usize],
     /// Relative L1 error of the density, at most.
@@ -169,6 +182,17 @@ impl ErrorSequence {
         (self.shapes.iter().zip(errors))
             .map(|(shape, error)| MeasuredGrid { shape: shape.clone(), error })
             .collect()
+    }
+}
+
+/// The grid after those that were tried, in the sequence of `reached`. Without an exact solution,
+/// the error of a grid takes a trial on the one after it.
+pub fn next_grid(trials: &Trials<'_>, scheme: SchemeChoice, reached: &ReachedGrid) -> Vec<usize> {
+    let grids = &trials.degree_case(scheme).grids;
+    match reached.grids.last() {
+        Some(last) if trials.has_exact() => grids.twice(&last.shape),
+        Some(last) => grids.twice(&grids.twice(&last.shape)),
+        None => grids.twice(&reached.shape),
     }
 }
 
@@ -236,9 +260,10 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// # Errors
     /// As [`Trials::run`].
     pub fn coarsest(mut self) -> Result<ReachedGrid> {
-        let Goal { scheme, start, share, .. } = self.goal;
+        let Goal { scheme, start, balance, share, .. } = self.goal;
         let second = self.grids().twice(start);
-        let part = self.part_of_space(&second, self.share(FOR_BALANCE))?;
+        let part =
+            if balance { self.part_of_space(&second, self.share(FOR_BALANCE))? } else { None };
         let first = match part {
             Some(part) => {
                 let ratio = stretch(part, self.grids().dimension(), scheme.degree);

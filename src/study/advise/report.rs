@@ -1,19 +1,15 @@
 //! Advice as text.
 
-use crate::base::text::{
-    ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, one_digit, quoted, seconds_text, short,
-};
+use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, quoted, seconds_text};
 use crate::problem::case::{Case, Method};
 use crate::problem::grid::SPACE_NAMES;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::advise::grid_search::Evidence;
-use crate::study::advise::setups::{AdviceReport, ErrorParts, SetupReport};
+use crate::study::advise::setups::{AdviceReport, ErrorParts, NotCompared, SetupReport};
 use crate::study::grids::{cells, shape_text};
 use crate::study::order::Order;
 use std::fmt;
 
-/// Longest budget in seconds that is named to the user.
-const LONGEST_BUDGET: f64 = 1e5;
 /// Largest number of unknowns of a grid whose shape is printed.
 pub const MOST_SHOWN: f64 = 1e15;
 
@@ -82,24 +78,9 @@ pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
 /// does not hold two of their grids.
 pub fn may_be_slow(best: &SetupReport, entries: &[SetupReport], budget: f64) -> Option<String> {
     let seconds = best.seconds.filter(|seconds| *seconds > budget)?;
-    let wanted = entries.iter().filter_map(|entry| entry.wanted_budget);
-    let (count, least) = (wanted.clone().count(), wanted.reduce(f64::min)?);
-    Some(format!(
-        "{} takes about {}, longer than the budget, and {} not compared: {} may find quicker ones",
-        best.name,
-        seconds_text(seconds),
-        counted(count, "set-up was", "set-ups were"),
-        longer(least)
-    ))
-}
-
-/// A `budget` in seconds in words.
-pub fn longer(budget: f64) -> String {
-    if budget < LONGEST_BUDGET {
-        format!("a --budget of about {} s", short(one_digit(budget)))
-    } else {
-        "a longer --budget".to_owned()
-    }
+    let others = NotCompared::of(entries)?.text();
+    let time = seconds_text(seconds);
+    Some(format!("{} takes about {time}, longer than the budget, and {others}", best.name))
 }
 
 fn evidence(known: Evidence) -> &'static str {

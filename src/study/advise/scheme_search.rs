@@ -7,6 +7,7 @@ use crate::study::advise::grid_search::{
 };
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::{ROUND_OFF, Study};
+use crate::study::budget::{Budget, longer};
 use crate::study::grids::cells;
 use crate::study::grids::shape_text;
 
@@ -14,7 +15,7 @@ use crate::study::grids::shape_text;
 /// counts about a third of what a core does ([`crate::study::budget`]).
 const MOST_BUDGETS: f64 = 4.0;
 /// Part of the budget for the grid searches of all schemes.
-pub const FOR_GRIDS: f64 = 0.7;
+const FOR_GRIDS: f64 = 0.7;
 /// Largest part of the budget that a trial of the case on its own grid may take.
 const FOR_CASE: f64 = 0.3;
 
@@ -141,14 +142,21 @@ impl Study<'_> {
     /// # Errors
     /// The last error, if there is no grid at all.
     fn reached_grids(&mut self, found: Vec<SearchedScheme>) -> Result<Vec<SchemeWithGrid>> {
-        let (mut grids, mut failure) = (Vec::new(), None);
+        let (mut grids, mut failure, schemes) = (Vec::new(), None, found.len());
         for SearchedScheme { scheme, tried } in found {
             let name = self.name(Method::Classical, scheme);
             match tried {
                 SearchResult::Found(reached) => grids.push(SchemeWithGrid { scheme, reached }),
                 SearchResult::BudgetTooSmall(start) => {
                     let grid = shape_text(&start);
-                    self.left_out.push(format!("{name}: the budget does not hold a run on {grid}"));
+                    // Each scheme has at least an equal share.
+                    let updates = self.trials.updates_to_try(scheme, &start);
+                    let part = FOR_GRIDS / schemes as f64;
+                    let budget = Budget::seconds_for(updates.unwrap_or(f64::INFINITY), part);
+                    let budget = longer(budget.max(2.0 * self.request.budget));
+                    self.left_out.push(format!(
+                        "{name}: the budget does not hold a run on {grid}; {budget} may allow it"
+                    ));
                 }
                 SearchResult::Failed(error) => {
                     self.left_out.push(format!("{name}: {error}"));
@@ -183,7 +191,8 @@ impl Study<'_> {
         share: f64,
     ) -> SearchResult {
         let own = self.trials.degree_case(scheme).base.space.elements();
-        let goal = Goal { scheme, start, own: &own, accuracy: self.request.accuracy, share };
+        let accuracy = self.request.accuracy;
+        let goal = Goal { scheme, start, balance: true, own: &own, accuracy, share };
         match GridSearch::new(&mut self.trials, goal).coarsest() {
             Ok(reached) => SearchResult::Found(reached),
             Err(error) => SearchResult::Failed(error),

@@ -1,10 +1,11 @@
 //! The result of `advise`: set-ups, each with its grid, its error and the evidence for it, its cost
 //! and its command.
 
-use crate::base::text::seconds_text;
+use crate::base::text::{counted, seconds_text};
 use crate::problem::case::{Interface, Limiter, Method};
 use crate::study::advise::grid_search::{Evidence, MeasuredGrid};
 use crate::study::advise::trials::UPDATES_PER_MODE;
+use crate::study::budget::longer;
 use crate::study::cost::application_weight;
 use crate::study::order::Order;
 use serde::Serialize;
@@ -87,7 +88,8 @@ pub struct SetupReport {
     pub seconds: Option<f64>,
     /// Whether the seconds were measured on this grid; otherwise they are predicted from trials.
     pub seconds_measured: bool,
-    /// The budget in seconds that may hold two of its grids, if that of the study does not.
+    /// The budget in seconds that may hold the next grid of its sequence, if its order is assumed
+    /// or is from one pair of errors.
     pub wanted_budget: Option<f64>,
     /// The reason why the set-up is refused; `None` if it can be run.
     pub refused: Option<String>,
@@ -128,11 +130,12 @@ impl SetupReport {
 
     /// First words of the reason of a refusal, if the grid is extrapolated by an order that has not
     /// settled: a longer budget may find a smaller grid. Empty otherwise.
-    pub fn not_settled_yet(&self) -> &'static str {
+    pub fn not_settled_yet(&self) -> String {
         if self.known == Evidence::Extrapolated && !self.order.settled {
-            "not settled yet, a longer --budget may settle it; by the orders found so far "
+            let budget = longer(self.wanted_budget.unwrap_or(f64::INFINITY));
+            format!("not settled yet, {budget} may settle it; by the orders found so far ")
         } else {
-            ""
+            String::new()
         }
     }
 
@@ -143,7 +146,8 @@ impl SetupReport {
         if self.refused.is_some() {
             None
         } else if self.known == Evidence::Extrapolated && self.order.pairs.len() < 2 {
-            Some(format!("{open}a longer --budget may settle it"))
+            let budget = self.wanted_budget.unwrap_or(f64::INFINITY);
+            Some(format!("{open}{} holds its next grid and may settle it", longer(budget)))
         } else if self.seconds.is_some_and(|seconds| seconds > longest) {
             Some(format!(
                 "{open}it is expected to take more than 30 days on these ranks; a longer --budget, \
@@ -158,6 +162,55 @@ impl SetupReport {
 /// An extrapolated set-up whose order has not settled, or which takes longer than the budget, is
 /// only an estimate if it takes more than this many times the work of another set-up.
 const MOST_WORK_RATIO: f64 = 100.0;
+
+/// The set-up that the least budget may settle, of those that a longer one may.
+pub fn nearest<'e>(entries: &[&'e SetupReport]) -> Option<&'e SetupReport> {
+    let wanted = |entry: &SetupReport| entry.wanted_budget.unwrap_or(f64::INFINITY);
+    let open = entries.iter().copied().filter(|entry| wanted(entry).is_finite());
+    open.min_by(|a, b| wanted(a).total_cmp(&wanted(b)))
+}
+
+/// Set-ups whose grids show no order yet.
+#[derive(Clone, Copy, Debug)]
+pub struct NotCompared {
+    /// Their number.
+    pub count: usize,
+    /// The least budget in seconds that may hold the next grid of one.
+    pub budget: f64,
+}
+
+impl NotCompared {
+    /// Those of `entries`; `None` if there is none.
+    pub fn of(entries: &[SetupReport]) -> Option<Self> {
+        let open = entries.iter().filter(|entry| entry.order.pairs.is_empty());
+        let wanted = open.filter_map(|entry| entry.wanted_budget);
+        Some(Self { count: wanted.clone().count(), budget: wanted.reduce(f64::min)? })
+    }
+
+    /// Their number, and the budget that may find quicker ones, as `5 set-ups were not compared: a
+    /// --budget of about 40 s may find quicker ones`.
+    pub fn text(self) -> String {
+        let were = counted(self.count, "set-up was", "set-ups were");
+        format!("{were} not compared: {} may find quicker ones", longer(self.budget))
+    }
+}
+
+/// Marks extrapolated set-ups as estimates if they take more than [`TOO_LONG`] times the `budget`
+/// in seconds, and a budget that is shorter than such a run compares others.
+pub fn mark_too_long(entries: &mut [SetupReport], budget: f64) {
+    let Some(others) = NotCompared::of(entries) else { return };
+    let least = others.budget.max(TOO_LONG * budget);
+    for entry in entries.iter_mut().filter(|e| e.refused.is_none()) {
+        let is_extrapolated = entry.known == Evidence::Extrapolated;
+        let seconds = entry.seconds.filter(|seconds| is_extrapolated && *seconds > least);
+        if let Some(seconds) = seconds {
+            let (time, others) = (seconds_text(seconds), others.text());
+            entry.estimate.get_or_insert_with(|| {
+                format!("about {time} is more than {TOO_LONG} times the --budget, and {others}")
+            });
+        }
+    }
+}
 
 /// Marks extrapolated set-ups as estimates if they take more than `MOST_WORK_RATIO` times the work
 /// of another one, and their orders have not settled or they take longer than `budget` seconds. An
@@ -230,10 +283,13 @@ impl AdviceReport {
         best.and_then(|k| self.entries.get(k))
     }
 
-    /// The reason why no set-up by `method` is advised.
+    /// The reason why no set-up by `method` is advised: of the one that the least longer budget may
+    /// settle, or else of the quickest.
     pub fn why_nothing(&self, method: Method) -> String {
-        let mut of_method = self.entries.iter().filter(|e| e.method == method);
-        let why = of_method.find_map(|e| e.estimate.clone().or_else(|| e.refused.clone()));
+        let of_method: Vec<&SetupReport> =
+            self.entries.iter().filter(|e| e.method == method).collect();
+        let first = nearest(&of_method).or_else(|| of_method.first().copied());
+        let why = first.and_then(|e| e.estimate.clone().or_else(|| e.refused.clone()));
         why.unwrap_or_else(|| format!("nothing was tried; {}", self.left_out.join("; ")))
     }
 }
@@ -247,14 +303,51 @@ mod tests {
     #[test]
     fn a_slow_set_up_may_not_be_the_quickest() {
         let best = SetupReport { seconds: Some(100.0), ..entry(1.0, true) };
-        let other = SetupReport { wanted_budget: Some(120.0), ..entry(1.0, true) };
-        let far = SetupReport { wanted_budget: Some(f64::INFINITY), ..entry(1.0, true) };
+        let [other, far] = [120.0, f64::INFINITY].map(without_order);
         assert_eq!(may_be_slow(&best, &[entry(1.0, true)], 60.0), None);
         assert_eq!(may_be_slow(&best, std::slice::from_ref(&other), 200.0), None);
         let words = may_be_slow(&best, &[far.clone(), other], 60.0).expect("a warning");
-        assert!(words.contains("2 set-ups were") && words.contains("of about 100 s"), "{words}");
+        assert!(words.contains("2 set-ups were") && words.contains("of about 120 s"), "{words}");
         let words = may_be_slow(&best, &[far], 60.0).expect("a warning");
         assert!(words.contains("a longer --budget"), "{words}");
+    }
+
+    /// A set-up whose grids show no order, the next one of which takes this budget.
+    fn without_order(budget: f64) -> SetupReport {
+        let refused = Some("the budget does not hold two grids to compare".to_owned());
+        let order = Order::default();
+        SetupReport { wanted_budget: Some(budget), refused, order, ..entry(1.0, true) }
+    }
+
+    /// A run of a thousand budgets is no advice if a shorter budget compares other set-ups.
+    #[test]
+    fn set_ups_that_take_far_longer_than_comparing_others_are_estimates() {
+        let doubted = |known: Evidence, seconds: f64, wanted: &[f64]| {
+            let mut entries =
+                vec![SetupReport { known, seconds: Some(seconds), ..entry(1.0, true) }];
+            entries.extend(wanted.iter().map(|&budget| without_order(budget)));
+            mark_too_long(&mut entries, 20.0);
+            entries.swap_remove(0).estimate
+        };
+        let why = doubted(Evidence::Extrapolated, 1.2e6, &[4e4, 40.0]).expect("an estimate");
+        assert!(why.contains("2 set-ups were") && why.contains("about 40 s"), "{why}");
+        assert_eq!(doubted(Evidence::Extrapolated, 1.9e4, &[40.0]), None);
+        assert_eq!(doubted(Evidence::Extrapolated, 1.2e6, &[2e6]), None);
+        assert_eq!(doubted(Evidence::Extrapolated, 1.2e6, &[]), None);
+        assert_eq!(doubted(Evidence::Estimated, 1.2e6, &[40.0]), None);
+    }
+
+    /// The reason names the least budget of all set-ups that a longer one may settle.
+    #[test]
+    fn the_least_budget_is_named() {
+        let [far, near, never] = [4e4, 40.0, f64::INFINITY].map(without_order);
+        let all = [&far, &near, &never];
+        assert_eq!(nearest(&all).and_then(|entry| entry.wanted_budget), Some(40.0));
+        assert!(nearest(&all[2..]).is_none());
+        let order = Order { pairs: vec![1.6], ..Order::default() };
+        let open = SetupReport { wanted_budget: Some(61.3), order, ..entry(1.0, true) };
+        let why = open.not_settled(1e9).expect("an estimate");
+        assert!(why.contains("a --budget of about 62 s holds its next grid"), "{why}");
     }
 
     /// A set-up of `applications` applications, extrapolated by an order that is `settled` or not.

@@ -262,6 +262,10 @@ fn a_start_that_is_not_flat_is_refused() {
         let summary = start(settings).summary().unwrap();
         let warnings = summary.warnings();
         assert!(warnings.contains("e^p w varies by") && warnings.contains(most), "{warnings}");
+        // What the line about accuracy says of the algorithm does not contradict it.
+        let known = summary.value["accuracy"]["algorithm_unknown"].as_str().unwrap_or_default();
+        let off = known.split_once("up to ").and_then(|(_, rest)| rest.split_once(" by "));
+        assert!(off.is_some_and(|(off, _)| warnings.contains(off)), "{known}: {warnings}");
     }
 }
 
