@@ -7,9 +7,9 @@
 //! in.
 //!
 //! Back in time, `(x, −v)` obeys Newton's equations again. That motion is followed here, with
-//! `w = −v`; forward in time, for measure-valued data ([`sheet`]), `w = v`. `V` is that of the
-//! scheme: quadratic along each axis in a cell, so that a particle moves there on a
-//! parabola, an oscillation or an exponential ([`motion`]), and with jumps at faces, where a particle obeys the rule of the scheme
+//! `w = −v`; forward in time, for measure-valued data ([`sheet`]), `w = v`. `V` is
+//! quadratic along each axis in a cell, so that a particle moves there on a parabola, an oscillation
+//! or an exponential ([`motion`]), and jumps at faces, where a particle obeys the rule of the scheme
 //! (`scheme::interface`; `rise` is `V` before the face minus `V` behind it):
 //!
 //! ```text
@@ -215,19 +215,10 @@ struct FreeBlock<'a> {
     /// Lower and upper face along each axis.
     lower: [f64; MAX_DIMENSION],
     upper: [f64; MAX_DIMENSION],
-    /// At the centre of the particle's cell.
+    /// Slopes of `V` at the centre of the particle's cell.
     slopes: &'a [f64; MAX_DIMENSION],
-    curvatures: [f64; MAX_DIMENSION],
-    centre: [f64; MAX_DIMENSION],
-}
-
-impl FreeBlock<'_> {
-    /// The motion of the particle along axis `a`.
-    fn motion(&self, particle: &TracedParticle, a: usize) -> AxisMotion {
-        let (x, w, curvature) = (particle.x[a], particle.w[a], self.curvatures[a]);
-        let acceleration = -(self.slopes[a] + curvature * (x - self.centre[a]));
-        AxisMotion { x, w, acceleration, curvature }
-    }
+    /// The motion of the particle along each axis.
+    motions: [AxisMotion; MAX_DIMENSION],
 }
 
 /// Whether two slopes of `V` are equal up to round-off.
@@ -381,7 +372,7 @@ impl<'a> Tracer<'a> {
         for (a, (x, v)) in self.space.x.iter().zip(&self.space.v).enumerate() {
             point[a] = x.outside_of_end(point[a]);
             point[3 + a] = v.outside_of_end(point[3 + a]);
-            if !(v.lower..=v.upper).contains(&point[3 + a]) {
+            if !(v.lower..=v.upper).contains(&point[3 + a]) && self.is_on_face(a, point[a]) {
                 point[a] -= x.small_step().copysign(point[3 + a]);
             }
         }
@@ -559,6 +550,12 @@ impl<'a> Tracer<'a> {
         [faces[i], faces[i + 1]].into_iter().find(near).unwrap_or(x)
     }
 
+    /// Whether `x` is the coordinate of a face across axis `a`.
+    fn is_on_face(&self, a: usize, x: f64) -> bool {
+        let i = self.cell_at(a, x);
+        self.faces[a][i..i + 2].contains(&x)
+    }
+
     /// The particle at `point`; `None` if that is outside of the box.
     fn start(&self, point: &[f64; 6]) -> Option<TracedParticle> {
         let space = &self.space;
@@ -637,15 +634,18 @@ impl<'a> Tracer<'a> {
             lower: [0.0; MAX_DIMENSION],
             upper: [0.0; MAX_DIMENSION],
             slopes: self.potential.linear.slopes(&particle.cell),
-            curvatures: self.potential.curvatures(&particle.cell),
-            centre: [0.0; MAX_DIMENSION],
+            motions: [AxisMotion::REST; MAX_DIMENSION],
         };
+        let curvatures = self.potential.curvatures(&particle.cell);
         for (a, faces) in self.faces.iter().enumerate() {
             let i = particle.cell[a];
             let (first, last) = (i.saturating_sub(free), (i + free).min(faces.len() - 2));
             (block.first[a], block.last[a]) = (first, last);
             (block.lower[a], block.upper[a]) = (faces[first], faces[last + 1]);
-            block.centre[a] = 0.5 * (faces[i] + faces[i + 1]);
+            let (x, curvature) = (particle.x[a], curvatures[a]);
+            let from_centre = x - 0.5 * (faces[i] + faces[i + 1]);
+            let acceleration = -(block.slopes[a] + curvature * from_centre);
+            block.motions[a] = AxisMotion { x, w: particle.w[a], acceleration, curvature };
         }
         block
     }
@@ -667,7 +667,7 @@ impl<'a> Tracer<'a> {
         let moving = || (0..self.space.dimension()).filter(|&a| !particle.rests[a]);
         for a in moving() {
             let (lower, upper) = (block.lower[a], block.upper[a]);
-            let Arrival { time, w, at_upper } = block.motion(particle, a).arrival(lower, upper);
+            let Arrival { time, w, at_upper } = block.motions[a].arrival(lower, upper);
             let end = if at_upper { upper } else { lower };
             take(Event { time, axis: a, w, face: Some((end, at_upper)) });
         }
@@ -675,7 +675,7 @@ impl<'a> Tracer<'a> {
             let v = &self.space.v[a];
             let ends = [v.lower, v.upper].map(|v| self.direction * v);
             let [lower, upper] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
-            let motion = block.motion(particle, a);
+            let motion = block.motions[a];
             if motion.may_leave(lower, upper) {
                 let Arrival { time, at_upper, .. } = motion.of_velocity().arrival(lower, upper);
                 take(Event { time, axis: a, w: if at_upper { upper } else { lower }, face: None });
@@ -688,7 +688,7 @@ impl<'a> Tracer<'a> {
     fn advance(&self, particle: &mut TracedParticle, block: &FreeBlock<'_>, time: f64) {
         for a in 0..self.space.dimension() {
             if !particle.rests[a] {
-                let [x, w] = block.motion(particle, a).after(time);
+                let [x, w] = block.motions[a].after(time);
                 particle.x[a] = x.max(block.lower[a]).min(block.upper[a]);
                 particle.w[a] = w;
             }

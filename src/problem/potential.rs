@@ -15,6 +15,7 @@ mod edges;
 pub mod oblique;
 mod pieces;
 pub mod resolution;
+mod values;
 
 pub use crate::problem::potential::curvature::{ElementShape, curvatures};
 pub use crate::problem::potential::edges::{
@@ -22,18 +23,17 @@ pub use crate::problem::potential::edges::{
     unresolved_regions,
 };
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::row_major::volume;
 use crate::problem::case::Case;
-use crate::problem::element::{LARGEST_DEGREE, Nodes};
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, describe_point, for_each_cell};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece, space_point};
+use crate::problem::potential::values::PotentialValues;
 use std::collections::HashSet;
 use std::ops::Range;
 
-/// A jump below this fraction of `V` is round-off of two formulas that agree at the face.
-const KINK: f64 = 1e-13;
-
+/// Slopes that differ by less than this part of the steepest one are equal up to round-off.
+const SAME: f64 = 1e-9;
 /// Jumps and slopes of `V` on a box of space cells.
 #[derive(Clone, Debug)]
 pub struct Potential {
@@ -75,102 +75,6 @@ pub struct LargestJump {
     pub height: f64,
     /// The coordinate of its face.
     pub face: f64,
-}
-
-/// Evaluates a case's potential, and remembers the first value that is not finite.
-struct PotentialValues<'c> {
-    case: &'c Case,
-    failure: Option<Error>,
-}
-
-impl PotentialValues<'_> {
-    /// The piece of the element around `centre`.
-    fn piece(&mut self, centre: &[f64; 6]) -> PotentialPiece {
-        piece(&self.case.potential, centre).unwrap_or_else(|condition| {
-            let place = describe_point(self.case.space.dimension(), &centre[..MAX_DIMENSION]);
-            self.failure.get_or_insert_with(|| condition.undefined(f64::NAN, place));
-            PotentialPiece { region: 0, constant: None }
-        })
-    }
-
-    /// `V` of a piece at a point.
-    fn value(&mut self, piece: PotentialPiece, point: &[f64; 6]) -> f64 {
-        let formula = &self.case.potential[piece.region].value;
-        let value = piece.constant.unwrap_or_else(|| formula.eval(point));
-        if !value.is_finite() {
-            let place = describe_point(self.case.space.dimension(), &point[..MAX_DIMENSION]);
-            self.failure.get_or_insert_with(|| formula.undefined(value, place));
-        }
-        value
-    }
-
-    /// The jump at the lower face, along axis `a`, of the element of space cell `i`, and the slope
-    /// at the cell. The jump is 0 unless the cell is the first of its element. `own` is the piece
-    /// of the element, `below` that of the element below, if there is one.
-    fn jump_and_slope(
-        &mut self,
-        i: &[usize; MAX_DIMENSION],
-        a: usize,
-        own: PotentialPiece,
-        below: Option<PotentialPiece>,
-    ) -> [f64; 2] {
-        let axes = &self.case.space.x;
-        let axis = &axes[a];
-        let (element, node) = axis.split(i[a] as i64);
-        let centre = space_point(axes, i);
-        let (mut lower, mut upper) = (centre, centre);
-        lower[a] = axis.face(element);
-        upper[a] = axis.face(element + 1);
-        let at_lower = self.value(own, &lower);
-        let drop = self.value(own, &upper) - at_lower;
-        let slope = match axis.nodes.degree {
-            0 => drop / axis.width(),
-            _ => self.derivative(&centre, a, own, element, node),
-        };
-        // Below the first element of a periodic axis is the upper face of the last one.
-        let turns = i[a] == 0;
-        if turns {
-            lower[a] = axis.face(axis.elements() as i64);
-        }
-        let Some(below) = below.filter(|&piece| node == 0 && (piece != own || turns)) else {
-            return [0.0, slope];
-        };
-        let behind = self.value(below, &lower);
-        let jump = at_lower - behind;
-        // If the formulas agree here up to round-off, this is a kink and not a jump.
-        let drop = match axis.nodes.degree {
-            0 => (slope * axis.width()).abs(),
-            _ => drop.abs(),
-        };
-        let scale = at_lower.abs().max(behind.abs()).max(drop);
-        if jump.abs() <= KINK * scale { [0.0, slope] } else { [jump, slope] }
-    }
-
-    /// `∂V/∂x_a` at node `node` of `element`, on the line along axis `a` through `point`, from
-    /// values at the Gauss–Lobatto points of the largest degree. It is exactly zero if `V` is
-    /// constant.
-    fn derivative(
-        &mut self,
-        point: &[f64; 6],
-        a: usize,
-        piece: PotentialPiece,
-        element: i64,
-        node: usize,
-    ) -> f64 {
-        let axis = &self.case.space.x[a];
-        let fine = Nodes::of_space(LARGEST_DEGREE).reference();
-        let mut point = *point;
-        let values: Vec<f64> = (fine.nodes.iter())
-            .map(|&xi| {
-                point[a] = axis.at(element, xi);
-                self.value(piece, &point)
-            })
-            .collect();
-        let slopes: Vec<f64> = (fine.derivative.iter())
-            .map(|row| row.iter().zip(&values).map(|(d, v)| d * (v - values[0])).sum())
-            .collect();
-        fine.interpolate(&slopes, axis.nodes.reference().nodes[node]) * 2.0 / axis.width()
-    }
 }
 
 impl Potential {
@@ -264,6 +168,39 @@ impl Potential {
     /// Largest `|slope|` along `axis`.
     pub fn steepest(&self, axis: usize) -> f64 {
         self.slope.iter().fold(0.0, |most, s| most.max(s[axis].abs()))
+    }
+
+    /// How `V` varies within the elements of `space`, whose axes have degrees of at least 2.
+    pub fn shape(&self, space: &PhaseSpace) -> ElementShape {
+        let n = space.dimension();
+        let along = |a: usize| {
+            let tolerance = SAME * self.steepest(a);
+            let shapes = (0..self.slope.len()).map(|p| self.shape_at(space, p, a, tolerance));
+            shapes.max().unwrap_or(ElementShape::Linear)
+        };
+        (0..n).map(along).max().unwrap_or(ElementShape::Linear)
+    }
+
+    /// What the slope along `a` at the node `p` shows, compared with other nodes of its element.
+    fn shape_at(&self, space: &PhaseSpace, p: usize, a: usize, tolerance: f64) -> ElementShape {
+        let slope = |p: usize| self.slope[p][a];
+        let node = |b: usize| p / self.strides[b] % self.ranges[b].len() % space.x[b].nodes.count();
+        let first = |b: usize| p - node(b) * self.strides[b];
+        let differ = |s: f64, t: f64| (s - t).abs() > tolerance;
+        if (0..space.dimension()).any(|b| b != a && differ(slope(p), slope(first(b)))) {
+            return ElementShape::General;
+        }
+        let xi = &space.x[a].nodes.reference().nodes;
+        let last = first(a) + (xi.len() - 1) * self.strides[a];
+        let part = (xi[node(a)] - xi[0]) / (xi[xi.len() - 1] - xi[0]);
+        let [at_first, at_last] = [first(a), last].map(slope);
+        if differ(slope(p), at_first + part * (at_last - at_first)) {
+            ElementShape::General
+        } else if differ(slope(p), at_first) {
+            ElementShape::Quadratic
+        } else {
+            ElementShape::Linear
+        }
     }
 
     /// The different jumps along `axis`.

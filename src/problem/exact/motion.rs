@@ -34,6 +34,9 @@ pub(super) struct Arrival {
 }
 
 impl AxisMotion {
+    /// A particle at rest without a force.
+    pub const REST: Self = Self { x: 0.0, w: 0.0, acceleration: 0.0, curvature: 0.0 };
+
     /// First arrival at an end of `[lower, upper]`, in which `x` lies.
     ///
     /// With the distance `D` ahead and the acceleration `p` in the direction of motion, the speed

@@ -2,12 +2,10 @@
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{MAX_DIMENSION, for_each_cell};
 use crate::problem::potential::pieces::{element_centre, space_point};
-use crate::problem::potential::{Potential, PotentialValues};
+use crate::problem::potential::values::PotentialValues;
 
-/// Slopes that differ by less than this part of the steepest one are equal up to round-off.
-const SAME: f64 = 1e-9;
 /// A second difference of `V` below this fraction of `V` is round-off.
 const STRAIGHT: f64 = 16.0 * f64::EPSILON;
 
@@ -20,41 +18,6 @@ pub enum ElementShape {
     Quadratic,
     /// Neither.
     General,
-}
-
-impl Potential {
-    /// How `V` varies within the elements of `space`, whose axes have degrees of at least 2.
-    pub fn shape(&self, space: &PhaseSpace) -> ElementShape {
-        let n = space.dimension();
-        let along = |a: usize| {
-            let tolerance = SAME * self.steepest(a);
-            let shapes = (0..self.slope.len()).map(|p| self.shape_at(space, p, a, tolerance));
-            shapes.max().unwrap_or(ElementShape::Linear)
-        };
-        (0..n).map(along).max().unwrap_or(ElementShape::Linear)
-    }
-
-    /// What the slope along `a` at the node `p` shows, compared with other nodes of its element.
-    fn shape_at(&self, space: &PhaseSpace, p: usize, a: usize, tolerance: f64) -> ElementShape {
-        let slope = |p: usize| self.slope[p][a];
-        let node = |b: usize| p / self.strides[b] % self.ranges[b].len() % space.x[b].nodes.count();
-        let first = |b: usize| p - node(b) * self.strides[b];
-        let differ = |s: f64, t: f64| (s - t).abs() > tolerance;
-        if (0..space.dimension()).any(|b| b != a && differ(slope(p), slope(first(b)))) {
-            return ElementShape::General;
-        }
-        let xi = &space.x[a].nodes.reference().nodes;
-        let last = first(a) + (xi.len() - 1) * self.strides[a];
-        let part = (xi[node(a)] - xi[0]) / (xi[xi.len() - 1] - xi[0]);
-        let [at_first, at_last] = [first(a), last].map(slope);
-        if differ(slope(p), at_first + part * (at_last - at_first)) {
-            ElementShape::General
-        } else if differ(slope(p), at_first) {
-            ElementShape::Quadratic
-        } else {
-            ElementShape::Linear
-        }
-    }
 }
 
 /// `∂²V/∂x_a²` by axis, for each space cell of a case of degree 0: of the parabola through `V` at
