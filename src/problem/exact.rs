@@ -45,7 +45,6 @@ pub use crate::problem::exact::traced_grid::{
 };
 use crate::problem::exact::traced_grid::{TracedGrid, free_layers, traced_grid};
 use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION, PhaseSpace, for_each_cell};
-use crate::problem::potential::ElementShape;
 
 /// Times closer than this fraction of the traced time are equal up to round-off. A face reached so
 /// close to time zero is not crossed.
@@ -154,7 +153,7 @@ pub struct HalvedCells {
 /// is approximated.
 ///
 /// Energy is conserved to round-off if `V` of every region is a sum of functions of one coordinate
-/// each, and those along a face with a jump are linear. Otherwise slopes are taken at the centre of
+/// each, and those along a face with a jump are quadratic. Otherwise slopes are taken at the centre of
 /// a cell, and energy is conserved to `O(Δx)`.
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
@@ -260,8 +259,7 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn with_cells(case: &'a Case, most: MostCells) -> Result<Self> {
-        let TracedGrid { space, shape, is_approximate, is_accurate } = traced_grid(case, most)?;
-        let is_bent = shape > ElementShape::Linear && !most.is_linear;
+        let TracedGrid { space, is_bent, is_approximate, is_accurate } = traced_grid(case, most)?;
         let potential = TracedPotential::new(case, space.clone(), is_bent)?;
         let rate = |a: usize| {
             let (x, v) = (space.x[a].width(), &space.v[a]);
@@ -307,10 +305,10 @@ impl<'a> Tracer<'a> {
     pub fn halved(&self) -> Option<HalvedCells> {
         let axes = || self.space.x.iter().zip(&self.case.space.x);
         let is_cut = axes().all(|(cut, axis)| axis.cells == 1 || cut.cells > axis.elements());
-        let curved = axes().map(|(cut, _)| cut.cells.div_ceil(2)).product();
+        let approximated = axes().map(|(cut, _)| cut.cells.div_ceil(2)).product();
         let is_sum = self.space.dimension() == 1 || self.paths.is_some();
         (self.is_approximate && is_cut).then_some(HalvedCells {
-            most: MostCells { curved, ..MostCells::ESTIMATES },
+            most: MostCells { approximated, ..MostCells::ESTIMATES },
             order: if is_sum { 2.5 } else { 1.5 },
         })
     }
@@ -370,11 +368,13 @@ impl<'a> Tracer<'a> {
             return point;
         }
         for (a, (x, v)) in self.space.x.iter().zip(&self.space.v).enumerate() {
-            point[a] = x.outside_of_end(point[a]);
-            point[3 + a] = v.outside_of_end(point[3 + a]);
-            if !(v.lower..=v.upper).contains(&point[3 + a]) && self.is_on_face(a, point[a]) {
-                point[a] -= x.small_step().copysign(point[3 + a]);
+            let at = point[a];
+            if !(v.lower..=v.upper).contains(&point[3 + a]) && self.is_on_face(a, at) {
+                point[a] = x.beside(at, point[3 + a] < 0.0);
+            } else if !self.space.is_periodic(a) {
+                point[a] = x.outside_of_end(at);
             }
+            point[3 + a] = v.outside_of_end(point[3 + a]);
         }
         point
     }
@@ -419,7 +419,7 @@ impl<'a> Tracer<'a> {
     pub fn faces_with_jumps(&self, axis: usize) -> Vec<usize> {
         let mut found = vec![false; self.space.x[axis].cells];
         for_each_cell(&self.space.space_ranges(), |cell| {
-            found[cell[axis]] |= self.potential.linear.jump_below(cell, axis) != 0.0;
+            found[cell[axis]] |= self.potential.jump_below(cell, axis) != 0.0;
         });
         (0..found.len()).filter(|face| found[*face]).collect()
     }
@@ -529,7 +529,7 @@ impl<'a> Tracer<'a> {
                     particle.cell = self.cell_at_face(&particle, &block, event.axis, upper);
                     let before = particle.history;
                     let exit = self.cross(&mut particle, event.axis, upper, meet);
-                    let bends = !alike(block.slopes, self.potential.linear.slopes(&particle.cell));
+                    let bends = !alike(block.slopes, self.potential.slopes(&particle.cell));
                     particle.segments += usize::from(bends || particle.history != before);
                     exit
                 }
@@ -633,7 +633,7 @@ impl<'a> Tracer<'a> {
             last: [0; MAX_DIMENSION],
             lower: [0.0; MAX_DIMENSION],
             upper: [0.0; MAX_DIMENSION],
-            slopes: self.potential.linear.slopes(&particle.cell),
+            slopes: self.potential.slopes(&particle.cell),
             motions: [AxisMotion::REST; MAX_DIMENSION],
         };
         let curvatures = self.potential.curvatures(&particle.cell);
@@ -745,7 +745,7 @@ impl<'a> Tracer<'a> {
     /// `V` before the upper or lower face of `cell` along `a` minus `V` behind it, at the centre of
     /// the face.
     fn rise_at_centre(&self, cell: &[usize; MAX_DIMENSION], a: usize, upper: bool) -> f64 {
-        let potential = &self.potential.linear;
+        let potential = &self.potential;
         if upper { -potential.jump_above(cell, a) } else { potential.jump_below(cell, a) }
     }
 

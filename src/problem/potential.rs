@@ -23,6 +23,8 @@ pub use crate::problem::potential::edges::{
     unresolved_regions,
 };
 
+pub use crate::problem::potential::pieces::is_one_piece;
+
 use crate::base::error::Result;
 use crate::base::row_major::volume;
 use crate::problem::case::Case;

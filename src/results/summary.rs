@@ -735,6 +735,19 @@ mod tests {
         assert_eq!(verdict, Verdict::Unknown);
     }
 
+    /// A warning compares the error of the exact `f` with the error that it measures.
+    #[test]
+    fn an_inexact_solution_is_warned_of() {
+        let warned = |own: Option<f64>| {
+            let mut summary = Summary { error_l2_relative: Some(1e-3), ..Summary::default() };
+            summary.exact_field_error = own;
+            summary.exact_field_warning()
+        };
+        let text = warned(Some(5e-4)).expect("a warning");
+        assert!(text.starts_with("the exact f is known to 5e-4 only"), "{text}");
+        assert_eq!([warned(Some(1e-4)), warned(None)], [None, None]);
+    }
+
     /// A goal without an exact solution is missed if particles show a larger error of the density,
     /// and not by a smaller one, nor against a measured error.
     #[test]

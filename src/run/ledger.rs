@@ -231,10 +231,15 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
     mass.outside = measure.then_some(initial.mean.outside);
-    // The empty sum is -0.
-    let entering = sources.entering.iter().map(|(_, found)| found.mean.mass);
-    mass.entered_estimate = Some(entering.sum::<f64>() + 0.0);
-    mass.entered_error = Some(sources.error_of_entering() + 0.0);
+    if case.reflects() && case.enters() {
+        let why = "mass that enters: at partial reflection it has no single origin";
+        ledger.omitted.push(why.into());
+    } else {
+        // The empty sum is -0.
+        let entering = sources.entering.iter().map(|(_, found)| found.mean.mass);
+        mass.entered_estimate = Some(entering.sum::<f64>() + 0.0);
+        mass.entered_error = Some(sources.error_of_entering() + 0.0);
+    }
     let absolute = sources.sum(|tally| tally.absolute);
     mass.absolute = Some(absolute);
     let names = axis_names(case.space.dimension());

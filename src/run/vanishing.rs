@@ -6,6 +6,7 @@ use crate::base::row_major::indices;
 use crate::problem::case::{Case, Inflow, TIME, TableOf};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{AxisEnd, PhaseSpace, coordinate, for_each_cell};
+use crate::problem::potential::is_one_piece;
 
 /// Largest number of points at which a formula is evaluated; no warning on larger grids.
 const MOST_POINTS: usize = 1 << 20;
@@ -55,7 +56,7 @@ fn initial(case: &Case, space: &PhaseSpace) -> Option<String> {
         return None;
     }
     let formula = &case.fields[0].initial;
-    let points = (0..space.cells()).map(|k| space.point(&space.cell(k)));
+    let points = (0..space.cells()).map(|k| space.inner_point(&space.cell(k)));
     let key = match formula.table() {
         Some(_) => TableOf::Initial.key(),
         None => "initial.f".to_owned(),
@@ -63,10 +64,11 @@ fn initial(case: &Case, space: &PhaseSpace) -> Option<String> {
     vanishes(formula, points, 0.0).then(|| warning(&key, "every point of the grid"))
 }
 
-/// The warning of an inflow without `t`: pulses may be shorter than any steps in time.
+/// The warning of an inflow without `t`: pulses may be shorter than any steps in time. Where `V`
+/// jumps, particles may enter from any velocity beyond the box.
 fn inflow(case: &Case, space: &PhaseSpace) -> Option<String> {
     let Inflow::Formula(formula) = &case.fields[0].inflow else { return None };
-    if formula.depends_on(TIME) {
+    if formula.depends_on(TIME) || !is_one_piece(&case.potential) {
         return None;
     }
     let ends = space.open_ends();
@@ -89,7 +91,7 @@ fn points_at_end(space: &PhaseSpace, end: AxisEnd) -> impl Iterator<Item = [f64;
         for (index, along) in cell.iter_mut().zip(indices(k, &lengths)) {
             *index = along;
         }
-        let point = space.point(&cell);
+        let point = space.inner_point(&cell);
         positions.map(|position| {
             let mut point = point;
             point[at] = position;
@@ -98,10 +100,11 @@ fn points_at_end(space: &PhaseSpace, end: AxisEnd) -> impl Iterator<Item = [f64;
     })
 }
 
-/// The warnings of branches of `V` that vanish at the centres and faces of all cells in which they
-/// hold.
+/// The warnings of branches of `V` that vanish at the centres and faces of all elements in which
+/// they hold.
 fn potentials(case: &Case, space: &PhaseSpace) -> Vec<String> {
     let mut points: Vec<Vec<[f64; 6]>> = vec![Vec::new(); case.potential.len()];
+    let space = space.by_elements();
     for_each_cell(&space.space_ranges(), |cell| {
         let mut centre = [0.0; 6];
         for (a, axis) in space.x.iter().enumerate() {

@@ -253,7 +253,7 @@ impl PointOfTask {
         };
         let mut point = [0.0; 6];
         for (a, &i) in cell.iter().enumerate() {
-            point[a] = case.space.x[a].centre(i as i64);
+            point[a] = case.space.x[a].inner_centre(i as i64);
         }
         Ok(Self { point, mean: mean_size(&density) })
     }

@@ -78,9 +78,10 @@ fn a_degree_that_would_be_refused_is_not_a_remedy() {
     check_all(&rows, |(cells, refused)| {
         let velocities = format!("axis.0.v.cells={cells}");
         let finished = check("example1.toml").set(&[slab, &velocities]).succeed()?;
-        let remedy = match refused {
-            false => "or scheme.degree = 2\n",
-            true => "or scheme.degree = 2 on velocity cells with a face at v = 0",
+        let remedy = if *refused {
+            "or scheme.degree = 2 on velocity cells with a face at v = 0"
+        } else {
+            "or scheme.degree = 2\n"
         };
         finished.contains(&finished.output, &[remedy])?;
         let elements = check("example1.toml").set(&[slab, &velocities, "scheme.degree=2"]).run()?;

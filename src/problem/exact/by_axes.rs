@@ -3,7 +3,7 @@
 //! If the slopes and jumps of `V` along each axis depend on the position along that axis alone, so
 //! does the motion. Then particles that agree in `(x_a, v_a)` are followed along axis `a` only
 //! once, and the points of a quadrature in several dimensions share a few paths. That saves most of
-//! the work where `V` has slopes, as each cell is an event there.
+//! the work where `V` is approximated, as each cell is an event there.
 //!
 //! [`AxisLine`] follows such a particle from piece to piece of `V`, with the rules of
 //! [`Tracer::follow`](super::Tracer::follow), which takes over in rare situations.
@@ -42,13 +42,13 @@ pub(super) enum EndByAxes {
 /// Whether there is more than one dimension, `V` has slopes, and motions along the axes are
 /// independent of each other.
 pub(super) fn moves_by_axes(traced: &TracedPotential) -> bool {
-    let (space, potential) = (&traced.space, &traced.linear);
+    let space = &traced.space;
     let n = space.dimension();
     let ranges = space.space_ranges();
     let mut largest = [0.0f64; MAX_DIMENSION];
     for_each_cell(&ranges, |i| {
         for (a, largest) in largest.iter_mut().enumerate().take(n) {
-            *largest = largest.max(potential.jump_below(i, a).abs());
+            *largest = largest.max(traced.jump_below(i, a).abs());
         }
     });
     let steepest: Vec<f64> = (0..n).map(|a| traced.steepest(a)).collect();
@@ -62,7 +62,7 @@ pub(super) fn moves_by_axes(traced: &TracedPotential) -> bool {
             alone[a] = i[a];
             let slopes = [i, &alone].map(|i| traced.slope(i, a));
             let bent = [i, &alone].map(|i| traced.curvatures(i)[a] * space.x[a].width());
-            let jumps = [i, &alone].map(|i| potential.jump_below(i, a));
+            let jumps = [i, &alone].map(|i| traced.jump_below(i, a));
             same &= (slopes[0] - slopes[1]).abs() <= SAME * steepest[a];
             same &= (bent[0] - bent[1]).abs() <= SAME * steepest[a];
             same &= (jumps[0] - jumps[1]).abs() <= SAME * largest[a];
@@ -179,7 +179,7 @@ impl AxisLine {
         };
         let cells: Vec<AxisPiece> = (0..axis.cells).map(cell).collect();
         let jump = |i: usize| {
-            if 0 < i && i < axis.cells { potential.linear.jump_below(&at(i), a) } else { 0.0 }
+            if 0 < i && i < axis.cells { potential.jump_below(&at(i), a) } else { 0.0 }
         };
         let tolerance = SAME * potential.steepest(a);
         let goes_on = |i: usize| {

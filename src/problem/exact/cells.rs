@@ -16,7 +16,7 @@ pub(super) struct TracedPotential {
     /// The cells, of degree 0.
     pub space: PhaseSpace,
     /// Jumps, and slopes at the centres of cells.
-    pub linear: Potential,
+    potential: Potential,
     /// By cell and axis; empty where `V` is linear in all cells.
     curvatures: Vec<[f64; MAX_DIMENSION]>,
 }
@@ -29,14 +29,32 @@ impl TracedPotential {
     /// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
     pub fn new(case: &Case, space: PhaseSpace, is_bent: bool) -> Result<Self> {
         let case = Case { space, ..case.clone() };
-        let linear = Potential::whole(&case)?;
-        let curvatures = if is_bent { curvatures(&case)? } else { Vec::new() };
-        Ok(Self { space: case.space, linear, curvatures })
+        let potential = Potential::whole(&case)?;
+        let mut curvatures = if is_bent { curvatures(&case)? } else { Vec::new() };
+        if curvatures.iter().all(|along| *along == [0.0; MAX_DIMENSION]) {
+            curvatures = Vec::new();
+        }
+        Ok(Self { space: case.space, potential, curvatures })
+    }
+
+    /// As [`Potential::jump_below`].
+    pub fn jump_below(&self, cell: &[usize], axis: usize) -> f64 {
+        self.potential.jump_below(cell, axis)
+    }
+
+    /// As [`Potential::jump_above`].
+    pub fn jump_above(&self, cell: &[usize], axis: usize) -> f64 {
+        self.potential.jump_above(cell, axis)
+    }
+
+    /// The slopes along all axes at the centre of a cell.
+    pub fn slopes(&self, cell: &[usize]) -> &[f64; MAX_DIMENSION] {
+        self.potential.slopes(cell)
     }
 
     /// `∂V/∂x_a` along `axis` at the centre of a cell.
     pub fn slope(&self, cell: &[usize], axis: usize) -> f64 {
-        self.linear.slope(cell, axis)
+        self.potential.slope(cell, axis)
     }
 
     /// The curvatures along all axes in a cell.
@@ -69,15 +87,15 @@ impl TracedPotential {
     /// Largest `|∂V/∂x_a|` along `axis`, or a little more.
     pub fn steepest(&self, axis: usize) -> f64 {
         let bent = self.curvatures.iter().fold(0.0f64, |most, along| most.max(along[axis].abs()));
-        self.linear.steepest(axis) + 0.5 * bent * self.space.x[axis].width()
+        self.potential.steepest(axis) + 0.5 * bent * self.space.x[axis].width()
     }
 
     /// Whether `V` is constant in a cell, and does not jump at its faces.
     pub fn is_free(&self, cell: &[usize; MAX_DIMENSION]) -> bool {
         (0..self.space.dimension()).all(|a| {
             self.slope(cell, a) == 0.0
-                && self.linear.jump_below(cell, a) == 0.0
-                && self.linear.jump_above(cell, a) == 0.0
+                && self.jump_below(cell, a) == 0.0
+                && self.jump_above(cell, a) == 0.0
         }) && self.curvatures(cell) == [0.0; MAX_DIMENSION]
     }
 }

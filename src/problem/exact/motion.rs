@@ -105,10 +105,28 @@ impl AxisMotion {
             return [x + time * (w + 0.5 * acceleration * time), w + acceleration * time];
         }
         let rate = curvature.abs().sqrt();
-        let half = 0.5 * rate * time;
-        let (sin, cos) = if curvature > 0.0 { half.sin_cos() } else { (half.sinh(), half.cosh()) };
+        if curvature < 0.0 {
+            return self.on_hill(rate, time);
+        }
+        let (sin, cos) = (0.5 * rate * time).sin_cos();
         let moved = 2.0 * sin * (w * cos + acceleration * sin / rate) / rate;
         [x + moved, w + 2.0 * sin * (acceleration * cos - curvature / rate * w * sin) / rate]
+    }
+
+    /// Position and velocity after `time` on a hill: a part that grows and one that decays.
+    fn on_hill(&self, rate: f64, time: f64) -> [f64; 2] {
+        let (from_w, from_force) = (self.w / rate, self.acceleration / (rate * rate));
+        let decaying = 0.5 * (from_force - from_w);
+        let mut growing = 0.5 * (from_force + from_w);
+        if growing.abs() <= f64::EPSILON * decaying.abs() {
+            // On the way to the top, up to round-off.
+            growing = 0.0;
+        }
+        let phase = rate * time;
+        let [up, down] = [phase, -phase].map(f64::exp_m1);
+        let grown = if growing == 0.0 { [0.0; 2] } else { [growing * up, growing * (up + 1.0)] };
+        let moved = grown[0] + decaying * down;
+        [self.x + moved, rate * (grown[1] - decaying * (down + 1.0))]
     }
 
     /// Whether the velocity may leave `[lower, upper]` at any time.

@@ -12,7 +12,7 @@ const EDGE_ON_FACE: f64 = 1e-9;
 /// Up to this many edges across an axis are taken for sides of boxes, on which faces are placed.
 const FEW_EDGES: usize = 8;
 /// Least degree of the elements with which the shape of `V` is detected.
-const CURVATURE_DEGREE: usize = 2;
+const CURVATURE_DEGREE: usize = 3;
 
 /// By space cell, row-major: the number of layers of cells around it that are, like itself, free of
 /// slopes and jumps.
@@ -60,8 +60,8 @@ pub(super) fn free_layers(potential: &TracedPotential) -> Vec<u32> {
 pub struct MostCells {
     /// `V` is taken as linear in a cell; otherwise as quadratic.
     pub is_linear: bool,
-    /// Largest number of space cells where `V` has another shape.
-    pub curved: usize,
+    /// Largest number of space cells where `V` has another shape, so that it is approximated.
+    pub approximated: usize,
     /// Largest number so that edges of regions lie on faces, in two and three dimensions. In one
     /// there are up to 8192.
     pub edges: usize,
@@ -72,9 +72,9 @@ pub const MOST_EXAMINED: usize = 1 << 18;
 
 impl MostCells {
     /// For the exact solution.
-    pub const EXACT: Self = Self { is_linear: false, curved: 1 << 21, edges: 1 << 21 };
+    pub const EXACT: Self = Self { is_linear: false, approximated: 1 << 21, edges: 1 << 21 };
     /// For estimates by a few hundred particles.
-    pub const ESTIMATES: Self = Self { is_linear: false, curved: 1 << 16, edges: 1 << 16 };
+    pub const ESTIMATES: Self = Self { is_linear: false, approximated: 1 << 16, edges: 1 << 16 };
 
     /// Whether a `V` of this shape within the elements is not exact in the cells.
     fn approximates(self, shape: ElementShape) -> bool {
@@ -105,8 +105,8 @@ const CURVATURE_BYTES: u64 = 24;
 pub(super) struct TracedGrid {
     /// Its cells.
     pub space: PhaseSpace,
-    /// How `V` varies within the case's elements.
-    pub shape: ElementShape,
+    /// Whether `V` may be curved in a cell.
+    pub is_bent: bool,
     /// Whether `V` has another shape in the elements than in the cells.
     pub is_approximate: bool,
     /// Whether `V` is exact in the cells, or approximated on enough of them.
@@ -120,13 +120,22 @@ pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
     let shape = element_shape(case)?;
     let is_approximate = most.approximates(shape);
     let space = cut_elements(case, &region_edges(case), most, is_approximate);
+    let is_bent = may_bend(case, &space, shape, most);
     let is_fine = space.x.iter().all(|axis| axis.cells == 1 || axis.cells >= FINE_CELLS);
-    Ok(TracedGrid { space, shape, is_approximate, is_accurate: !is_approximate || is_fine })
+    Ok(TracedGrid { space, is_bent, is_approximate, is_accurate: !is_approximate || is_fine })
 }
 
-/// The shape of `V` in a sample of elements, up to 64 along an axis in one and two dimensions, up
-/// to 16 in three, and the number of space cells of a tracer that follows from it.
-fn sampled_cells(case: &Case, most: MostCells) -> (ElementShape, usize) {
+/// Whether `V`, of this `shape` in the case's elements, may be curved in a cell of `space`. Cells
+/// that are parts of elements may be in regions that no element belongs to.
+fn may_bend(case: &Case, space: &PhaseSpace, shape: ElementShape, most: MostCells) -> bool {
+    let elements = case.space.x.iter().map(Axis::elements).product();
+    let is_cut = space.space_cells() > elements;
+    !most.is_linear && (shape > ElementShape::Linear || is_cut)
+}
+
+/// The space of a tracer, and whether `V` may be curved in its cells, by a sample of elements: up
+/// to 64 along an axis in one and two dimensions, up to 16 in three.
+fn sampled_space(case: &Case, most: MostCells) -> (PhaseSpace, bool) {
     const SAMPLED: [usize; MAX_DIMENSION] = [64, 64, 16];
     let mut sample = case.clone();
     let sampled = SAMPLED[case.space.dimension() - 1];
@@ -136,21 +145,21 @@ fn sampled_cells(case: &Case, most: MostCells) -> (ElementShape, usize) {
     // Where V of the sample is not finite, that of the case may be.
     let shape = element_shape(&sample).unwrap_or(ElementShape::General);
     let space = cut_elements(case, &region_edges(&sample), most, most.approximates(shape));
-    (shape, space.space_cells())
+    let is_bent = may_bend(case, &space, shape, most);
+    (space, is_bent)
 }
 
 /// About the memory of a [`Tracer::with_cells`](super::Tracer::with_cells), in bytes: `V` in its
 /// space cells.
 pub fn traced_bytes(case: &Case, most: MostCells) -> u64 {
-    let (shape, cells) = sampled_cells(case, most);
-    let is_bent = shape > ElementShape::Linear && !most.is_linear;
-    cells as u64 * (CELL_BYTES + if is_bent { CURVATURE_BYTES } else { 0 })
+    let (space, is_bent) = sampled_space(case, most);
+    space.space_cells() as u64 * (CELL_BYTES + if is_bent { CURVATURE_BYTES } else { 0 })
 }
 
 /// About the number of space cells of a [`Tracer::with_cells`](super::Tracer::with_cells) along an
 /// axis, as a mean over the axes.
 pub fn traced_cells_of_axis(case: &Case, most: MostCells) -> f64 {
-    (sampled_cells(case, most).1 as f64).powf(1.0 / case.space.dimension() as f64)
+    (sampled_space(case, most).0.space_cells() as f64).powf(1.0 / case.space.dimension() as f64)
 }
 
 /// The elements of the case, cut into parts. `edges` are those of the regions, by axis.
@@ -166,7 +175,7 @@ fn cut_elements(
         let parts = libm::pow(most as f64 / cells as f64, 1.0 / n as f64);
         (parts as usize).clamp(1, MOST_PARTS)
     };
-    let enough = room(most.curved);
+    let enough = room(most.approximated);
     for (axis, edges) in space.x.iter_mut().zip(edges) {
         let least = match (is_approximate, case.space.whole_degree()) {
             (false, _) => 1,

@@ -108,16 +108,16 @@ impl Axis {
         if at_upper { self.upper + step } else { self.lower - step }
     }
 
-    /// A small part of the width of an element. An edge of a formula that is closer to a face than
-    /// that lies on the face.
-    pub fn small_step(&self) -> f64 {
-        0.5 * INSIDE * self.width()
+    /// The coordinate a billionth of an element's width above or below `x` on a face: a formula
+    /// with an edge on the face, or as near to it, has the value of that side there.
+    pub fn beside(&self, x: f64, above: bool) -> f64 {
+        let step = 0.5 * INSIDE * self.width();
+        if above { x + step } else { x - step }
     }
 
-    /// A coordinate next to face `i`, the lower one of element `i`, above or below it: a formula
-    /// with an edge on the face has the value of that side there.
+    /// The coordinate [`beside`](Self::beside) face `i`, the lower one of element `i`.
     pub fn beside_face(&self, i: i64, above: bool) -> f64 {
-        self.face(i) + if above { self.small_step() } else { -self.small_step() }
+        self.beside(self.face(i), above)
     }
 
     /// `x`, or [`just_outside`](Self::just_outside) if that is nearer than round-off.

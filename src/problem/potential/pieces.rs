@@ -40,7 +40,7 @@ pub(super) fn piece<'r>(
 }
 
 /// Whether one formula gives `V` on the whole grid.
-pub(super) fn is_one_piece(potential: &[Region]) -> bool {
+pub fn is_one_piece(potential: &[Region]) -> bool {
     potential.len() == 1 && !potential[0].value.is_stepped()
 }
 

@@ -385,6 +385,67 @@ mod tests {
         }
     }
 
+    /// The error that a coarser tracer shows is that of the values, within a factor of 3: of a
+    /// quartic oscillator against many more cells, and of one with coupled axes against its
+    /// solution in normal modes.
+    #[test]
+    fn errors_of_paths_are_estimated() {
+        let text = |cells: usize, axes: usize, value: &str, f: &str, end: f64| {
+            let axis = format!(
+                "[[axis]]\nx = {{ lower = -2, upper = 2, cells = {cells} }}\n\
+                 v = {{ lower = -3, upper = 3, cells = 8 }}\n"
+            );
+            let text = axis.repeat(axes)
+                + &format!("[[potential]]\nvalue = '{value}'\n[initial]\nf = '{f}'\n")
+                + &format!("[time]\nend = {end}\n[solver]\ntolerance = 1e-3\n");
+            Case::parse("test", &text, &[]).expect("a case")
+        };
+        let line = "exp(-20*(x - 0.8)^2 - 20*v^2)";
+        let quartic = |cells: usize| text(cells, 1, "x^4 - 0.3*x^3", line, 20.0);
+        let (coarse, fine) = (quartic(16), quartic(8192));
+        let by_cells = Tracer::new(&fine).expect("V is finite");
+        let plane = "exp(-20*(x - 0.8)^2 - 20*(y + 0.2)^2 - 20*vx^2 - 20*vy^2)";
+        let coupled = text(16, 2, "0.5*(x^2 + y^2) + 0.3*x*y", plane, 12.0);
+        let by_modes = |point: &[f64; 6]| {
+            let back = |sign: f64| {
+                let rate = (1.0 + 0.3 * sign).sqrt();
+                let [q, p] = [0, 3].map(|k| 0.5 * (point[k] + sign * point[k + 1]));
+                let (sin, cos) = (12.0 * rate).sin_cos();
+                [q * cos - p / rate * sin, p * cos + rate * q * sin]
+            };
+            let [[a, u], [b, w]] = [back(1.0), back(-1.0)];
+            let squares = [a + b - 0.8, a - b + 0.2, u + w, u - w].map(|x| x * x);
+            (-20.0 * squares.iter().sum::<f64>()).exp()
+        };
+        let rows: [(&Case, &dyn Fn(&[f64; 6]) -> f64); 2] =
+            [(&coarse, &|point| by_cells.value(point, 20.0)), (&coupled, &by_modes)];
+        for (case, exact) in rows {
+            let tracer = Tracer::with_cells(case, MostCells::ESTIMATES).expect("V is finite");
+            let halved = tracer.halved();
+            let starts = case.space.random_points(4000);
+            let values = case.fields[0].initial.at_points(&starts, 0.0);
+            let forward = tracer.clone().forward();
+            let arrived = |(start, value): (&[f64; 6], f64)| {
+                let path = forward.follow(start, case.end);
+                let is_inside = path.remaining.is_none() && value > 1e-3;
+                is_inside.then_some(ArrivedParticle { point: path.point, mass: value, value })
+            };
+            let arrivals: Vec<_> = starts.iter().zip(values).filter_map(arrived).collect();
+            assert!(arrivals.len() > 15, "{}", arrivals.len());
+            let (mut error, mut size) = (0.0, 0.0);
+            for ArrivedParticle { point, mass, value } in &arrivals {
+                let off = exact(point) - value;
+                error += mass / value * off * off;
+                size += mass * value;
+            }
+            let error = (error / size).sqrt();
+            let found = GatheredArrivals { by_replicate: vec![arrivals], halved };
+            let estimate = found.tracing_error(case).expect("V is finite").expect("an estimate");
+            let ratio = estimate / error;
+            assert!((0.3..3.0).contains(&ratio), "{estimate:e} {error:e}: {}", case.text);
+        }
+    }
+
     #[test]
     fn products_leave_out_what_another_rank_has() {
         let entries = [vec![(1, 0.25), (2, 0.75)], vec![(4, 0.5), (5, 0.5)]];

@@ -256,12 +256,10 @@ impl ParticleSampler<'_> {
         if !beyond {
             return None;
         }
-        let beside =
-            |place: f64, up: bool| place + if up { x.small_step() } else { -x.small_step() };
         let mut outside = point;
-        outside[a] = beside(crossing.from, crossing.velocity < 0.0);
+        outside[a] = x.beside(crossing.from, crossing.velocity < 0.0);
         outside[3 + a] = crossing.velocity;
-        point[a] = beside(crossing.to, point[3 + a] > 0.0);
+        point[a] = x.beside(crossing.to, point[3 + a] > 0.0);
         let value = self.case.fields[0].entering().at_point(&outside, now);
         let area = whole.volume(|b| b != a);
         let mass = area * self.case.end * faces.len() as f64 * point[3 + a].abs() * value;

@@ -256,15 +256,15 @@ impl DensityAtPoint<'_> {
                 |_| tracer.follow(&self.at(&self.random_part(&mut random)), self.case.end).segments;
             (0..TRIED).map(&mut each).max().unwrap_or(1)
         };
+        let linear = MostCells { is_linear: true, ..MostCells::EXACT };
         let n = self.dimension();
         let mut cells = FIRST;
         while cells.pow(n as u32) <= MOST {
             let mut shape = self.case.space.elements();
             shape[..n].fill(cells);
             let coarse = on_grid(self.case, &shape);
-            let curved = coarse.space.by_elements().space_cells();
-            let linear = MostCells { is_linear: true, ..MostCells::EXACT };
-            let tracer = Tracer::with_cells(&coarse, MostCells { curved, ..linear })?;
+            let approximated = coarse.space.by_elements().space_cells();
+            let tracer = Tracer::with_cells(&coarse, MostCells { approximated, ..linear })?;
             let value = |at: &[f64; 6]| tracer.value(at, coarse.end);
             let there = DensityAtPoint { case: &coarse, value: Box::new(value), ..*self };
             let found = there.by_quadrature(accuracy);
@@ -273,7 +273,6 @@ impl DensityAtPoint<'_> {
             }
             cells *= 2;
         }
-        let linear = MostCells { is_linear: true, ..MostCells::EXACT };
         Ok(segments(&Tracer::with_cells(self.case, linear)?))
     }
 }
