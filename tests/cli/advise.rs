@@ -287,7 +287,7 @@ fn a_named_budget_allows_what_it_names() {
         let job = advise(&path, "1e-2").with(["--budget", budget]).undisturbed();
         job.succeed().and_then(|f| f.json()).unwrap()
     };
-    let short = within("2s");
+    let short = within("0.5s");
     let wanted = |e: &&Value| number(&e["wanted_budget"]);
     let all = short["entries"].as_array().unwrap();
     let open: Vec<&Value> = all.iter().filter(|e| wanted(e).is_finite()).collect();

@@ -118,7 +118,7 @@ impl AxisMotion {
         let (from_w, from_force) = (self.w / rate, self.acceleration / (rate * rate));
         let decaying = 0.5 * (from_force - from_w);
         let mut growing = 0.5 * (from_force + from_w);
-        if growing.abs() <= f64::EPSILON * decaying.abs() {
+        if growing.abs() <= 8.0 * f64::EPSILON * decaying.abs() {
             // On the way to the top, up to round-off.
             growing = 0.0;
         }
