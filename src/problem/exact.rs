@@ -153,8 +153,8 @@ pub struct HalvedCells {
 /// is approximated.
 ///
 /// Energy is conserved to round-off if `V` of every region is a sum of functions of one coordinate
-/// each, and those along a face with a jump are quadratic. Otherwise slopes are taken at the centre of
-/// a cell, and energy is conserved to `O(Δx)`.
+/// each, and those along a face with a jump are quadratic. Otherwise slopes are taken at the centre
+/// of a cell, and energy is conserved to `O(Δx)`.
 #[derive(Clone, Debug)]
 pub struct Tracer<'a> {
     case: &'a Case,

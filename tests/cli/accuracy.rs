@@ -5,7 +5,7 @@ use crate::support::{
     Finished, Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets,
     differences, directory, json_of, near, on_results, run, text_of, written,
 };
-use phasewarp::base::text::{one_digit, short};
+use phasewarp::base::text::{one_digit, rounded_down, short};
 use serde_json::Value;
 use std::path::Path;
 
@@ -254,15 +254,21 @@ fn the_last_line_of_an_under_resolved_run_names_its_errors() {
             }
         }
         let (Some(line), Some(wording)) = (line, wording) else { return Ok(()) };
-        // An estimate is printed with one digit.
-        let digits = |e: f64| {
+        // An estimate is printed with one digit, and so is the bound that particles show.
+        let digits = |key: &str, e: f64| {
+            let of = if key == "grid" { "field" } else { "density" };
+            let is_bound = !found["particles"][of].is_null()
+                && found[key] == found["particles"][of]
+                && (of == "density" || found["particles"]["field_mean"].is_null());
             if found["grid_measured"] == true {
                 format!("{e:.2} %")
+            } else if is_bound {
+                format!("at least {} %", short(rounded_down(e)))
             } else {
                 format!("about {} %", short(one_digit(e)))
             }
         };
-        let percent = |key: &str| found[key].as_f64().map(|e| digits(100.0 * e));
+        let percent = |key: &str| found[key].as_f64().map(|e| digits(key, 100.0 * e));
         let named = [("f", "grid"), ("density", "grid_density")];
         let named = named.map(|(name, key)| percent(key).map(|error| format!("{name} {error}")));
         let known = named.iter().flatten().count();

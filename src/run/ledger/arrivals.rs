@@ -36,7 +36,7 @@ const LEAST_PARTICLES: usize = 16;
 const LEAST_REPLICATES: usize = 12;
 /// Largest standard error of the square of an error, as a part of it, with which the mean counts.
 const MOST_SCATTER: f64 = 0.2;
-/// Arrivals that are traced back through a curved `V` on half as many cells.
+/// Arrivals that are traced back through cells in which `V` is approximated, on half as many.
 const TRACED: usize = 256;
 /// Number of numbers of an [`ArrivedParticle`].
 const NUMBERS: usize = 8;
