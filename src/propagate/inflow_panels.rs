@@ -218,7 +218,8 @@ fn candidates(case: &Case, end: AxisEnd, most: usize) -> Vec<SampledPoint> {
         if k == end.axis {
             return vec![axis.just_outside(end.upper)];
         }
-        let mut nodes: Vec<f64> = (0..axis.cells).map(|i| axis.inner_centre(i as i64)).collect();
+        let mut nodes: Vec<f64> =
+            (0..axis.cells).map(|i| axis.centre_in_element(i as i64)).collect();
         if k == end.axis + n {
             nodes.retain(|v| if end.upper { *v < 0.0 } else { *v > 0.0 });
         }

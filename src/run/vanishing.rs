@@ -56,7 +56,7 @@ fn initial(case: &Case, space: &PhaseSpace) -> Option<String> {
         return None;
     }
     let formula = &case.fields[0].initial;
-    let points = (0..space.cells()).map(|k| space.inner_point(&space.cell(k)));
+    let points = (0..space.cells()).map(|k| space.point_in_element(&space.cell(k)));
     let key = match formula.table() {
         Some(_) => TableOf::Initial.key(),
         None => "initial.f".to_owned(),
@@ -64,25 +64,36 @@ fn initial(case: &Case, space: &PhaseSpace) -> Option<String> {
     vanishes(formula, points, 0.0).then(|| warning(&key, "every point of the grid"))
 }
 
-/// The warning of an inflow without `t`: pulses may be shorter than any steps in time. Where `V`
-/// jumps, particles may enter from any velocity beyond the box.
+/// The warning of an inflow without `t`: pulses may be shorter than any steps in time.
 fn inflow(case: &Case, space: &PhaseSpace) -> Option<String> {
     let Inflow::Formula(formula) = &case.fields[0].inflow else { return None };
-    if formula.depends_on(TIME) || !is_one_piece(&case.potential) {
+    if formula.depends_on(TIME) {
         return None;
     }
     let ends = space.open_ends();
-    let points = ends.iter().flat_map(|end| points_at_end(space, *end));
+    let jumps = !is_one_piece(&case.potential);
+    let points = ends.iter().flat_map(|end| points_at_end(space, *end, jumps));
     let nothing = vanishes(formula, points, case.start_time);
     nothing.then(|| warning(case.inflow_key(), "all ends of the box"))
 }
 
 /// The points at which what enters through `end` is evaluated: centres of ghost cells, and those
-/// just outside of the end, for the elements and the exact solution.
-fn points_at_end(space: &PhaseSpace, end: AxisEnd) -> impl Iterator<Item = [f64; 6]> + '_ {
+/// just outside of the end, for the elements and the exact solution. Where `V` `jumps`, particles
+/// come from beyond an end of the velocity box: up to half its width, in some steps.
+fn points_at_end(
+    space: &PhaseSpace,
+    end: AxisEnd,
+    jumps: bool,
+) -> impl Iterator<Item = [f64; 6]> + '_ {
+    const STEPS: usize = 16;
     let axis = space.axis(end.axis);
     let ghost = if end.upper { axis.cells as i64 } else { -1 };
-    let positions = [axis.centre(ghost), axis.just_outside(end.upper)];
+    let mut positions = vec![axis.centre(ghost), axis.just_outside(end.upper)];
+    if jumps && end.axis >= space.dimension() {
+        let half = 0.5 * (axis.upper - axis.lower);
+        let (from, sign) = if end.upper { (axis.upper, 1.0) } else { (axis.lower, -1.0) };
+        positions.extend((1..=STEPS).map(|k| from + sign * half * k as f64 / STEPS as f64));
+    }
     let mut lengths = space.shape();
     lengths[end.axis] = 1;
     let at = coordinate(space.dimension(), end.axis);
@@ -91,12 +102,13 @@ fn points_at_end(space: &PhaseSpace, end: AxisEnd) -> impl Iterator<Item = [f64;
         for (index, along) in cell.iter_mut().zip(indices(k, &lengths)) {
             *index = along;
         }
-        let point = space.inner_point(&cell);
-        positions.map(|position| {
+        let point = space.point_in_element(&cell);
+        let at_position = |position: &f64| {
             let mut point = point;
-            point[at] = position;
+            point[at] = *position;
             point
-        })
+        };
+        positions.iter().map(at_position).collect::<Vec<_>>()
     })
 }
 

@@ -240,7 +240,7 @@ impl LineTerms<'_> {
                 let inner = self.elements.inflow_part * rate;
                 return self.couple(row, cell, [a, cell[a]], -inner);
             }
-            let mut point = self.space.inner_point(cell);
+            let mut point = self.space.point_in_element(cell);
             point[a] = line.entry_end();
             self.couple(row, cell, [a, cell[a]], -rate);
             row.draw += rate;
@@ -276,7 +276,7 @@ impl LineTerms<'_> {
             if v.leaves_out(v.position(beyond).floor() as i64) {
                 continue;
             }
-            let mut point = self.space.inner_point(cell);
+            let mut point = self.space.point_in_element(cell);
             // The particle came to the face from above if it moved down.
             let above = beyond < 0.0;
             let element = if above == line.up { line.element } else { x.split(across as i64).0 };
@@ -352,7 +352,7 @@ impl LineTerms<'_> {
             add(row, own, entry, -rate);
             row.draw += rate;
             if !v.leaves_out(against) {
-                let mut point = self.space.inner_point(cell);
+                let mut point = self.space.point_in_element(cell);
                 point[3 + a] = line.entry_end();
                 row.enter(self.entering, rate, point);
             }

@@ -208,6 +208,8 @@ fn formulas_that_are_zero_on_the_grid_give_a_warning() {
         (&["inflow.value=1 if x < -1.5 else 0", "scheme.degree=1"], "is zero at", false),
         (&["inflow.value=1 if x < -1.5 else 0"], "is zero at", false),
         (&["inflow.value=0"], "is zero at", false),
+        // What a jump of 0.2 brings in comes from below 1.63.
+        (&["inflow.value=1 if v > 1.6 else 0"], "is zero at", false),
         (&["potential.0.value=exp(-(x - 90)^2)"], "potential.0.value is zero at every", true),
         (&["potential.1.value=0.1*sin(x)"], "is zero at", false),
         (&["potential.1.value=0"], "is zero at", false),

@@ -104,14 +104,13 @@ impl Axis {
     /// The position just outside of the box at its lower or upper end, where what enters there is
     /// evaluated: a formula such as `1 if x > upper else 0` holds there.
     pub fn just_outside(&self, at_upper: bool) -> f64 {
-        let step = 8.0 * f64::EPSILON * self.largest_magnitude();
-        if at_upper { self.upper + step } else { self.lower - step }
+        self.beside(if at_upper { self.upper } else { self.lower }, at_upper)
     }
 
-    /// The coordinate a billionth of an element's width above or below `x` on a face: a formula
-    /// with an edge on the face, or as near to it, has the value of that side there.
+    /// The coordinate above or below `x` by a little more than the round-off of a face: there a
+    /// formula with an edge on the face has the value of that side.
     pub fn beside(&self, x: f64, above: bool) -> f64 {
-        let step = 0.5 * INSIDE * self.width();
+        let step = 8.0 * f64::EPSILON * self.largest_magnitude();
         if above { x + step } else { x - step }
     }
 
@@ -267,8 +266,16 @@ impl Axis {
     }
 
     /// The [`centre`](Self::centre) of cell `j`. A centre on a face is moved inside the element by
-    /// a billionth of the element's width.
+    /// a billionth of the element's width, so that a path from there begins in the element.
     pub fn inner_centre(&self, j: i64) -> f64 {
+        let (e, m) = self.split(j);
+        let xi = self.nodes.reference().nodes[m];
+        if xi.abs() == 1.0 { self.at(e, xi * (1.0 - INSIDE)) } else { self.centre(j) }
+    }
+
+    /// The [`centre`](Self::centre) of cell `j`, [`beside`](Self::beside) a face on which it lies,
+    /// in the element.
+    pub fn centre_in_element(&self, j: i64) -> f64 {
         let (e, m) = self.split(j);
         match self.nodes.reference().nodes[m] {
             -1.0 => self.beside_face(e, true),
