@@ -648,7 +648,8 @@ impl Elements<'_> {
         let before = from.and_then(|values| self.trace(face, ray.from.0, &values));
         let behind = to.and_then(|values| self.trace(face, ray.to.0, &values));
         let mut point = scene.point(face.place);
-        (point[a], point[n + a]) = (face.seen_from(x, ray.to.0), ray.from.1);
+        // The inflow is that of the side from which it comes, as for cells of degree 0.
+        (point[a], point[n + a]) = (face.seen_from(x, ray.from.0), ray.from.1);
         let flux = self.flux(before.as_deref(), behind.as_deref(), scene.entering(&point));
         for (trace, sign) in [(before, -1.0), (behind, 1.0)] {
             for (row, value) in trace.into_iter().flatten() {
