@@ -11,7 +11,7 @@ use crate::study::chart::measure;
 /// Measures the case, writes the files and prints what was found. Collective.
 ///
 /// # Errors
-/// As [`make_study_directory`] and [`measure`]; [`crate::base::error::Error::Directory`] and
+/// As `make_study_directory` and [`measure`]; [`crate::base::error::Error::Directory`] and
 /// [`crate::base::error::Error::Output`] where files cannot be written.
 pub fn execute(world: &World, args: &ChartArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);

@@ -11,7 +11,7 @@ use crate::study::stability;
 /// Measures the panels, writes the files and prints the table. Collective.
 ///
 /// # Errors
-/// As [`make_study_directory`], [`stability::measure`] and [`stability::panel::Stability::write`].
+/// As `make_study_directory`, [`stability::measure`] and [`stability::panel::Stability::write`].
 pub fn execute(world: &World, args: &StabilityArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);
     let owner = ExportOwner::new(ExportKind::Stability, &case.settings);

@@ -9,7 +9,7 @@
 //! Back in time, `(x, −v)` obeys Newton's equations again. That motion is followed here, with
 //! `w = −v`; forward in time, for measure-valued data ([`sheet`]), `w = v`. `V` is
 //! quadratic along each axis in a cell: a particle moves there on a parabola, an oscillation or an
-//! exponential ([`motion`]). `V` jumps at faces, where a particle obeys the rule of the scheme
+//! exponential (`motion`). `V` jumps at faces, where a particle obeys the rule of the scheme
 //! (`scheme::interface`; `rise` is `V` before the face minus `V` behind it):
 //!
 //! ```text

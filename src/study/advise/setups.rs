@@ -195,7 +195,7 @@ impl NotCompared {
     }
 }
 
-/// Marks extrapolated set-ups as estimates if they take more than [`TOO_LONG`] times the `budget`
+/// Marks extrapolated set-ups as estimates if they take more than `TOO_LONG` times the `budget`
 /// in seconds, and a budget that is shorter than such a run compares others.
 pub fn mark_too_long(entries: &mut [SetupReport], budget: f64) {
     let Some(others) = NotCompared::of(entries) else { return };
