@@ -39,7 +39,7 @@ use crate::problem::exact::by_axes::{
     AxisLine, AxisPaths, EndByAxes, LineParticle, REST, moves_by_axes,
 };
 use crate::problem::exact::cells::TracedPotential;
-use crate::problem::exact::motion::{Arrival, AxisMotion};
+use crate::problem::exact::motion::{Arrival, AxisMotion, CellForce, directed_ends};
 pub use crate::problem::exact::traced_grid::{
     MOST_EXAMINED, MostCells, traced_bytes, traced_cells_of_axis,
 };
@@ -412,7 +412,7 @@ impl<'a> Tracer<'a> {
             std::array::from_fn(
                 |a| if a < self.faces.len() { self.cell_at(a, point[a]) } else { 0 },
             );
-        self.potential.slope_at(&cells, axis, point[axis])
+        self.potential.force(&cells, axis).slope_at(point[axis])
     }
 
     /// The faces across an axis at which `V` jumps anywhere: the numbers of the cells above them.
@@ -642,10 +642,9 @@ impl<'a> Tracer<'a> {
             let (first, last) = (i.saturating_sub(free), (i + free).min(faces.len() - 2));
             (block.first[a], block.last[a]) = (first, last);
             (block.lower[a], block.upper[a]) = (faces[first], faces[last + 1]);
-            let (x, curvature) = (particle.x[a], curvatures[a]);
-            let from_centre = x - 0.5 * (faces[i] + faces[i + 1]);
-            let acceleration = -(block.slopes[a] + curvature * from_centre);
-            block.motions[a] = AxisMotion { x, w: particle.w[a], acceleration, curvature };
+            let centre = 0.5 * (faces[i] + faces[i + 1]);
+            let force = CellForce { centre, slope: block.slopes[a], curvature: curvatures[a] };
+            block.motions[a] = force.motion(particle.x[a], particle.w[a]);
         }
         block
     }
@@ -672,9 +671,7 @@ impl<'a> Tracer<'a> {
             take(Event { time, axis: a, w, face: Some((end, at_upper)) });
         }
         for a in moving() {
-            let v = &self.space.v[a];
-            let ends = [v.lower, v.upper].map(|v| self.direction * v);
-            let [lower, upper] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
+            let [lower, upper] = directed_ends(&self.space.v[a], self.direction);
             let motion = block.motions[a];
             if motion.may_leave(lower, upper) {
                 let Arrival { time, at_upper, .. } = motion.of_velocity().arrival(lower, upper);
@@ -760,14 +757,14 @@ impl<'a> Tracer<'a> {
         let mut rise = self.rise_at_centre(cell, a, upper);
         let mut is_jump = rise != 0.0;
         for b in (0..self.space.dimension()).filter(|&b| b != a) {
-            let forces = [cell, &behind].map(|cell| self.potential.force_along(cell, b));
-            if forces[0] == forces[1] {
+            let slope = |cell| self.potential.slope(cell, b);
+            let curvature = |cell| self.potential.curvatures(cell)[b];
+            if slope(cell) == slope(&behind) && curvature(cell) == curvature(&behind) {
                 continue;
             }
-            let [before, beyond] =
-                [cell, &behind].map(|cell| self.potential.rise_from_centre(cell, b, particle.x[b]));
+            let [before, beyond] = [cell, &behind].map(|cell| self.potential.force(cell, b));
             let own = cell[b] as i64;
-            rise -= beyond - before;
+            rise -= beyond.rise_to(particle.x[b]) - before.rise_to(particle.x[b]);
             let mut neighbours =
                 [own - 1, own + 1].into_iter().filter_map(|j| self.space.wrap(b, j));
             is_jump |= neighbours.any(|j| {
@@ -806,7 +803,7 @@ impl<'a> Tracer<'a> {
     /// `w²/(2|slope|)` if the slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
         let face = self.faces[a][particle.cell[a] + usize::from(to_face > 0.0)];
-        let push = -self.potential.slope_at(&particle.cell, a, face) * to_face;
+        let push = -self.potential.force(&particle.cell, a).slope_at(face) * to_face;
         if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }
     }
 }

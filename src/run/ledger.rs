@@ -160,10 +160,9 @@ impl SourceEstimates {
         tracker: &mut ParticleTracker<'_>,
         points: usize,
     ) -> Self {
-        let case = sampler.case;
         let initial = replicated(world, sampler, tracker, ParticleSource::Initial, points);
         let mut follow = |source| (source, replicated(world, sampler, tracker, source, points));
-        let entering = inflow_sources(case, sampler.flow).into_iter().map(&mut follow).collect();
+        let entering = sampler.inflow_sources().into_iter().map(&mut follow).collect();
         Self { initial, entering }
     }
 
@@ -196,23 +195,6 @@ impl SourceEstimates {
     }
 }
 
-/// The sources of particles that enter the box of `case`. At a jump of partial reflection a
-/// particle has no single origin: such sources are left out.
-fn inflow_sources(case: &Case, flow: &Tracer<'_>) -> Vec<ParticleSource> {
-    let (n, measure) = (case.space.dimension(), case.is_measure_valued());
-    if !case.enters() {
-        return Vec::new();
-    }
-    let jumps = |end: &AxisEnd| {
-        let a = end.axis.checked_sub(n).filter(|_| !measure && !case.reflects());
-        a.is_some_and(|a| !flow.faces_with_jumps(a).is_empty())
-    };
-    let ends = case.space.open_ends();
-    let at_jumps = ends.iter().copied().filter(jumps).map(ParticleSource::AtJumps);
-    let through = ends.iter().copied().filter(|end| end.axis < n || !measure);
-    through.map(ParticleSource::Entering).chain(at_jumps).collect()
-}
-
 /// Puts the estimates by particles into `ledger`. Returns those in the box at the end. Collective.
 fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger) -> Arrivals {
     let measure = case.is_measure_valued();
@@ -225,7 +207,7 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
         within = support.within;
     }
     let mut tracker = ParticleTracker::new(case, tracer);
-    let sampler = ParticleSampler { case, within, flow: tracer };
+    let sampler = ParticleSampler::new(case, within, tracer);
     let sources = SourceEstimates::follow(world, &sampler, &mut tracker, points);
     let mass = &mut ledger.mass;
     let initial = &sources.initial;
@@ -347,7 +329,7 @@ impl DataSupport {
         let n = space.dimension();
         let wide = SampleBox::whole(space, BEYOND);
         let sequence = SampleSequence::new(2 * n, 0);
-        let sampler = ParticleSampler { case, within: wide, flow };
+        let sampler = ParticleSampler::new(case, wide, flow);
         let mut numbers = (world.rank()..points).step_by(world.size()).peekable();
         let (mut inside, mut beyond) = (Vec::new(), Vec::new());
         while numbers.peek().is_some() {

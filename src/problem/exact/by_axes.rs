@@ -9,7 +9,7 @@
 //! [`Tracer::follow`](super::Tracer::follow), which takes over in rare situations.
 
 use crate::problem::exact::cells::TracedPotential;
-use crate::problem::exact::motion::AxisMotion;
+use crate::problem::exact::motion::{AxisMotion, CellForce, directed_ends};
 use crate::problem::grid::{MAX_DIMENSION, for_each_cell};
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -90,20 +90,14 @@ pub(super) struct LineParticle {
 struct AxisPiece {
     lower: f64,
     upper: f64,
-    centre: f64,
-    /// `∂V/∂x` at the centre.
-    slope: f64,
-    curvature: f64,
+    force: CellForce,
 }
 
 impl AxisPiece {
-    fn slope_at(&self, x: f64) -> f64 {
-        self.slope + self.curvature * (x - self.centre)
-    }
-
     /// Whether the force vanishes inside of the piece and drives particles to that place.
     fn has_well(&self) -> bool {
-        self.curvature > 0.0 && self.slope_at(self.lower) < 0.0 && self.slope_at(self.upper) > 0.0
+        let [lower, upper] = [self.lower, self.upper].map(|x| self.force.slope_at(x));
+        self.force.curvature > 0.0 && lower < 0.0 && upper > 0.0
     }
 
     /// One piece instead of successive `pieces` of equal widths, and whether it has their slopes up
@@ -111,16 +105,18 @@ impl AxisPiece {
     fn joined(pieces: &[Self], tolerance: f64) -> (Self, bool) {
         let [first, last] = [pieces[0], pieces[pieces.len() - 1]];
         let (lower, upper) = (first.lower, last.upper);
-        let slope = pieces.iter().map(|piece| piece.slope).sum::<f64>() / pieces.len() as f64;
-        let is_bent = pieces.iter().any(|piece| piece.curvature != 0.0);
+        let slopes = pieces.iter().map(|piece| piece.force.slope);
+        let slope = slopes.sum::<f64>() / pieces.len() as f64;
+        let is_bent = pieces.iter().any(|piece| piece.force.curvature != 0.0);
         let curvature = if is_bent && pieces.len() > 1 {
-            (last.slope - first.slope) / (last.centre - first.centre)
+            (last.force.slope - first.force.slope) / (last.force.centre - first.force.centre)
         } else {
-            first.curvature
+            first.force.curvature
         };
-        let joined = Self { lower, upper, centre: 0.5 * (lower + upper), slope, curvature };
-        let fits = |piece: &Self| (joined.slope_at(piece.centre) - piece.slope).abs() <= tolerance;
-        (joined, pieces.iter().all(fits))
+        let force = CellForce { centre: 0.5 * (lower + upper), slope, curvature };
+        let misses = |of: &CellForce| (force.slope_at(of.centre) - of.slope).abs() > tolerance;
+        let fits = !pieces.iter().any(|piece| misses(&piece.force));
+        (Self { lower, upper, force }, fits)
     }
 }
 
@@ -173,9 +169,7 @@ impl AxisLine {
         let cell = |i: usize| AxisPiece {
             lower: axis.face(i as i64),
             upper: axis.face(i as i64 + 1),
-            centre: axis.centre(i as i64),
-            slope: potential.slope(&at(i), a),
-            curvature: potential.curvatures(&at(i))[a],
+            force: potential.force(&at(i), a),
         };
         let cells: Vec<AxisPiece> = (0..axis.cells).map(cell).collect();
         let jump = |i: usize| {
@@ -184,8 +178,8 @@ impl AxisLine {
         let tolerance = SAME * potential.steepest(a);
         let goes_on = |i: usize| {
             let [below, above] = [&cells[i - 1], &cells[i]];
-            let bend = above.slope_at(above.lower) - below.slope_at(below.upper);
-            let change = (above.curvature - below.curvature) * axis.width();
+            let bend = above.force.slope_at(above.lower) - below.force.slope_at(below.upper);
+            let change = (above.force.curvature - below.force.curvature) * axis.width();
             jump(i) == 0.0 && bend.abs() <= tolerance && change.abs() <= tolerance
         };
         let (mut pieces, mut of_cell, mut jumps) = (Vec::new(), Vec::new(), vec![0.0]);
@@ -199,13 +193,12 @@ impl AxisLine {
             jumps.push(jump(end));
             first = end;
         }
-        let ends = [space.v[a].lower, space.v[a].upper].map(|v| direction * v);
         Self {
             pieces,
             of_cell,
             jumps,
             is_periodic: space.is_periodic(a),
-            box_ends: [ends[0].min(ends[1]), ends[0].max(ends[1])],
+            box_ends: directed_ends(&space.v[a], direction),
             rest: 8.0 * REST * axis.width() * potential.steepest(a),
         }
     }
@@ -229,9 +222,8 @@ impl AxisLine {
         for _ in 0..most {
             let LineParticle { piece, x, w, left } = particle;
             let here = &self.pieces[piece];
-            let force = -here.slope_at(x);
-            let motion = AxisMotion { x, w, acceleration: force, curvature: here.curvature };
-            if w == 0.0 && force != 0.0 {
+            let motion = here.force.motion(x, w);
+            if w == 0.0 && motion.acceleration != 0.0 {
                 return None;
             }
             let next = motion.arrival(here.lower, here.upper);
@@ -242,7 +234,7 @@ impl AxisLine {
             if is_last {
                 let [x, w] = motion.after(left);
                 let x = x.max(here.lower).min(here.upper);
-                let is_free = force == 0.0 && here.curvature == 0.0;
+                let is_free = motion.acceleration == 0.0 && motion.curvature == 0.0;
                 let end = LineParticle { piece, x, w, left: 0.0 };
                 return (is_free || is_inside(w)).then_some(end);
             }

@@ -3,6 +3,7 @@
 use crate::base::error::Result;
 use crate::base::row_major::number;
 use crate::problem::case::Case;
+use crate::problem::exact::motion::CellForce;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::{Potential, curvatures};
 
@@ -63,25 +64,13 @@ impl TracedPotential {
         if self.curvatures.is_empty() { [0.0; MAX_DIMENSION] } else { self.curvatures[at()] }
     }
 
-    /// The slope at the centre of a cell and the curvature, along `axis`.
-    pub fn force_along(&self, cell: &[usize; MAX_DIMENSION], axis: usize) -> [f64; 2] {
-        [self.slope(cell, axis), self.curvatures(cell)[axis]]
-    }
-
-    /// `∂V/∂x_a` along `axis` at the coordinate `x` in a cell.
-    pub fn slope_at(&self, cell: &[usize; MAX_DIMENSION], axis: usize, x: f64) -> f64 {
-        let [slope, curvature] = self.force_along(cell, axis);
-        if curvature == 0.0 {
-            return slope;
+    /// `∂V/∂x_a` along `axis` in a cell.
+    pub fn force(&self, cell: &[usize; MAX_DIMENSION], axis: usize) -> CellForce {
+        CellForce {
+            centre: self.space.x[axis].centre(cell[axis] as i64),
+            slope: self.slope(cell, axis),
+            curvature: self.curvatures(cell)[axis],
         }
-        slope + curvature * (x - self.space.x[axis].centre(cell[axis] as i64))
-    }
-
-    /// `V` at the coordinate `x` along `axis` in a cell, less that at the centre.
-    pub fn rise_from_centre(&self, cell: &[usize; MAX_DIMENSION], axis: usize, x: f64) -> f64 {
-        let from_centre = x - self.space.x[axis].centre(cell[axis] as i64);
-        let [slope, curvature] = self.force_along(cell, axis);
-        from_centre * (slope + 0.5 * curvature * from_centre)
     }
 
     /// Largest `|∂V/∂x_a|` along `axis`, or a little more.

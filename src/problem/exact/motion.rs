@@ -10,6 +10,39 @@
 //! x₂ − x₁ = (w₁ + w₂) t(s)        w₂ − w₁ = (a₁ + a₂) t(s)
 //! ```
 
+use crate::problem::grid::Axis;
+
+/// `∂V/∂x = slope + curvature (x − centre)` along an axis in a cell, or in several.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct CellForce {
+    /// The coordinate of the centre.
+    pub centre: f64,
+    /// `∂V/∂x` at the centre.
+    pub slope: f64,
+    /// `∂²V/∂x²`.
+    pub curvature: f64,
+}
+
+impl CellForce {
+    /// `∂V/∂x` at `x`.
+    #[inline]
+    pub fn slope_at(&self, x: f64) -> f64 {
+        self.slope + self.curvature * (x - self.centre)
+    }
+
+    /// `V` at `x` less that at the centre.
+    pub fn rise_to(&self, x: f64) -> f64 {
+        let from_centre = x - self.centre;
+        from_centre * (self.slope + 0.5 * self.curvature * from_centre)
+    }
+
+    /// The motion of a particle at `x` with the velocity `w`.
+    #[inline]
+    pub fn motion(&self, x: f64, w: f64) -> AxisMotion {
+        AxisMotion { x, w, acceleration: -self.slope_at(x), curvature: self.curvature }
+    }
+}
+
 /// A particle on an axis, and the force on it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AxisMotion {
@@ -21,6 +54,12 @@ pub(super) struct AxisMotion {
     pub acceleration: f64,
     /// By how much the acceleration falls per length.
     pub curvature: f64,
+}
+
+/// The least and the largest `direction · v` of a velocity axis.
+pub(super) fn directed_ends(v: &Axis, direction: f64) -> [f64; 2] {
+    let [one, other] = [v.lower, v.upper].map(|v| direction * v);
+    [one.min(other), one.max(other)]
 }
 
 /// The arrival of a particle at an end of an interval.

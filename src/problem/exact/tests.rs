@@ -336,18 +336,25 @@ fn origin([x, v]: [f64; 2], time: f64, slope: impl Fn(f64) -> f64) -> [f64; 6] {
     [s[0], 0.0, 0.0, -s[1], 0.0, 0.0]
 }
 
-/// Mean errors in a potential, with the derivative `slope`, of the points that `chosen` takes of
+/// A potential along `x`, and its derivative.
+struct Curve {
+    formula: &'static str,
+    slope: fn(f64) -> f64,
+}
+
+/// Mean errors in a potential of the points that `chosen` takes of
 /// their velocities and those of their feet, on more and more cells, and the orders of convergence
 /// they show.
 fn orders(
     is_linear: bool,
-    (potential, slope): (&str, fn(f64) -> f64),
+    potential: &Curve,
     cells: &[usize],
     chosen: impl Fn(f64, f64) -> bool,
 ) -> Vec<f64> {
-    let on = |cells| case(1, (-2.0, 2.0, cells), (-2.0, 2.0, 9), &[("", potential)], "0", "0");
+    let on =
+        |cells| case(1, (-2.0, 2.0, cells), (-2.0, 2.0, 9), &[("", potential.formula)], "0", "0");
     let points: Vec<_> = (spread(&on(1).space, 4000, 0.6).into_iter())
-        .map(|point| (point, origin([point[0], point[3]], 1.0, slope)))
+        .map(|point| (point, origin([point[0], point[3]], 1.0, potential.slope)))
         .filter(|(point, origin)| chosen(point[3], origin[3]) && origin[0].abs() < 2.0)
         .collect();
     assert!(points.len() > 300, "{}", points.len());
@@ -368,16 +375,16 @@ fn curved_potentials_converge_as_they_should() {
     let near = |orders: &[f64], order: f64| orders.iter().all(|o| (o - order).abs() < 0.1);
     // Linear cells: second order; for particles that turn around in a cell, where the slope's error
     // O(Δx) acts for O(√Δx), 3/2.
-    let harmonic: (_, fn(f64) -> f64) = ("x^2/2", |x| x);
+    let harmonic = Curve { formula: "x^2/2", slope: |x| x };
     let of_linear = |chosen: &dyn Fn(f64, f64) -> bool| {
-        orders(true, harmonic, &[32, 64, 128, 256, 512], chosen)
+        orders(true, &harmonic, &[32, 64, 128, 256, 512], chosen)
     };
     let [on_way, at_turn] = [of_linear(&fast), of_linear(&turning)];
     assert!(near(&on_way, 2.0) && near(&at_turn, 1.5), "{on_way:?} {at_turn:?}");
     // Quadratic cells: the slope's error is O(Δx²).
-    let wavy: (_, fn(f64) -> f64) = ("0.4*sin(2*x)", |x| 0.8 * (2.0 * x).cos());
+    let wavy = Curve { formula: "0.4*sin(2*x)", slope: |x| 0.8 * (2.0 * x).cos() };
     let of_quadratic =
-        |chosen: &dyn Fn(f64, f64) -> bool| orders(false, wavy, &[16, 32, 64, 128], chosen);
+        |chosen: &dyn Fn(f64, f64) -> bool| orders(false, &wavy, &[16, 32, 64, 128], chosen);
     let [on_way, at_turn] = [of_quadratic(&fast), of_quadratic(&turning)];
     assert!(near(&on_way, 3.0) && near(&at_turn, 2.5), "{on_way:?} {at_turn:?}");
 }

@@ -3,8 +3,8 @@
 use crate::problem::element::Nodes;
 use std::ops::Range;
 
-/// Distance, in half widths, by which a point on the face of an element is moved inside.
-const INSIDE: f64 = 2e-9;
+/// Distance, in widths, by which a point on the face of an element is moved inside.
+const INSIDE: f64 = 1e-9;
 
 /// An axis of elements `[lower + e h, lower + (e+1) h]`, `h = (upper − lower)/elements`.
 #[derive(Clone, Debug, PartialEq)]
@@ -110,8 +110,12 @@ impl Axis {
     /// The coordinate above or below `x` by a little more than the round-off of a face: there a
     /// formula with an edge on the face has the value of that side.
     pub fn beside(&self, x: f64, above: bool) -> f64 {
-        let step = 8.0 * f64::EPSILON * self.largest_magnitude();
-        if above { x + step } else { x - step }
+        if above { x + self.round_off_of_face() } else { x - self.round_off_of_face() }
+    }
+
+    /// A little more than the round-off of the coordinate of a face.
+    fn round_off_of_face(&self) -> f64 {
+        8.0 * f64::EPSILON * self.largest_magnitude()
     }
 
     /// The coordinate [`beside`](Self::beside) face `i`, the lower one of element `i`.
@@ -268,18 +272,22 @@ impl Axis {
     /// The [`centre`](Self::centre) of cell `j`. A centre on a face is moved inside the element by
     /// a billionth of the element's width, so that a path from there begins in the element.
     pub fn inner_centre(&self, j: i64) -> f64 {
-        let (e, m) = self.split(j);
-        let xi = self.nodes.reference().nodes[m];
-        if xi.abs() == 1.0 { self.at(e, xi * (1.0 - INSIDE)) } else { self.centre(j) }
+        self.centre_off_face(j, INSIDE * self.width())
     }
 
     /// The [`centre`](Self::centre) of cell `j`, [`beside`](Self::beside) a face on which it lies,
     /// in the element.
     pub fn centre_in_element(&self, j: i64) -> f64 {
+        self.centre_off_face(j, self.round_off_of_face())
+    }
+
+    /// The [`centre`](Self::centre) of cell `j`, moved by `distance` into its element if it lies on
+    /// a face.
+    fn centre_off_face(&self, j: i64, distance: f64) -> f64 {
         let (e, m) = self.split(j);
         match self.nodes.reference().nodes[m] {
-            -1.0 => self.beside_face(e, true),
-            1.0 => self.beside_face(e + 1, false),
+            -1.0 => self.face(e) + distance,
+            1.0 => self.face(e + 1) - distance,
             _ => self.centre(j),
         }
     }

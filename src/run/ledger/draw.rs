@@ -133,13 +133,38 @@ impl SampleSequence {
 pub struct ParticleSampler<'a> {
     /// The case.
     pub case: &'a Case,
-    /// The box in which initial data are drawn; of measure-valued data only its space counts.
-    pub within: SampleBox,
-    /// The exact flow, for the inflow.
-    pub flow: &'a Tracer<'a>,
+    within: SampleBox,
+    flow: &'a Tracer<'a>,
+    /// The faces at which `V` jumps, by axis.
+    jump_faces: Vec<Vec<usize>>,
 }
 
-impl ParticleSampler<'_> {
+impl<'a> ParticleSampler<'a> {
+    /// Draws initial data in the box `within`, of which only space counts for measure-valued data,
+    /// and inflow for the exact `flow`.
+    pub fn new(case: &'a Case, within: SampleBox, flow: &'a Tracer<'a>) -> Self {
+        let axes = 0..case.space.dimension();
+        Self { case, within, flow, jump_faces: axes.map(|a| flow.faces_with_jumps(a)).collect() }
+    }
+
+    /// The sources of particles that enter the box. At a jump of partial reflection a particle has
+    /// no single origin: such sources are left out.
+    pub fn inflow_sources(&self) -> Vec<ParticleSource> {
+        let case = self.case;
+        let (n, measure) = (case.space.dimension(), case.is_measure_valued());
+        if !case.enters() {
+            return Vec::new();
+        }
+        let jumps = |end: &AxisEnd| {
+            let a = end.axis.checked_sub(n).filter(|_| !measure && !case.reflects());
+            a.is_some_and(|a| !self.jump_faces[a].is_empty())
+        };
+        let ends = case.space.open_ends();
+        let at_jumps = ends.iter().copied().filter(jumps).map(ParticleSource::AtJumps);
+        let through = ends.iter().copied().filter(|end| end.axis < n || !measure);
+        through.map(ParticleSource::Entering).chain(at_jumps).collect()
+    }
+
     /// Number of coordinates of a point of any source.
     pub fn dimensions(&self) -> usize {
         let n = self.case.space.dimension();
@@ -160,8 +185,7 @@ impl ParticleSampler<'_> {
                 units.filter_map(|unit| self.entering(end, &unit)).collect()
             }
             ParticleSource::AtJumps(end) => {
-                let faces = self.flow.faces_with_jumps(end.axis - self.case.space.dimension());
-                units.filter_map(|unit| self.at_jump(end, &faces, &unit)).collect()
+                units.filter_map(|unit| self.at_jump(end, &unit)).collect()
             }
         }
     }
@@ -236,14 +260,10 @@ impl ParticleSampler<'_> {
     /// A particle to which a jump of `V` gives a velocity inside of the box, and which had one
     /// beyond an `end` of the box before. Its coordinate across the faces stands for the face and
     /// the time. The density of the flow behind a face is `|v| f`.
-    fn at_jump(
-        &self,
-        end: AxisEnd,
-        faces: &[usize],
-        unit: &[f64; MOST_DIMENSIONS],
-    ) -> Option<Particle> {
+    fn at_jump(&self, end: AxisEnd, unit: &[f64; MOST_DIMENSIONS]) -> Option<Particle> {
         let space = &self.case.space;
         let a = end.axis - space.dimension();
+        let faces = &self.jump_faces[a];
         let (x, v) = (&space.x[a], &space.v[a]);
         let whole = SampleBox::whole(space, 0.0);
         let mut point = self.point_in(&whole, unit);
@@ -373,7 +393,7 @@ mod tests {
         let case = Case::parse("step", text, &[]).expect("a case");
         let flow = Tracer::new(&case).expect("V is finite").forward();
         let within = SampleBox::whole(&case.space, 0.0);
-        let sampler = ParticleSampler { case: &case, within, flow: &flow };
+        let sampler = ParticleSampler::new(&case, within, &flow);
         let entering = |upper: bool| -> f64 {
             let source = ParticleSource::AtJumps(AxisEnd { axis: 1, upper });
             let points = 1 << 14;
