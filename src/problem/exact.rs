@@ -754,14 +754,12 @@ impl<'a> Tracer<'a> {
         let cell = &particle.cell;
         let mut behind = *cell;
         behind[a] = there;
+        let [slopes, slopes_behind] = [cell, &behind].map(|cell| self.potential.slopes(cell));
+        let [bends, bends_behind] = [cell, &behind].map(|cell| self.potential.curvatures(cell));
+        let differs = |b: usize| slopes[b] != slopes_behind[b] || bends[b] != bends_behind[b];
         let mut rise = self.rise_at_centre(cell, a, upper);
         let mut is_jump = rise != 0.0;
-        for b in (0..self.space.dimension()).filter(|&b| b != a) {
-            let slope = |cell| self.potential.slope(cell, b);
-            let curvature = |cell| self.potential.curvatures(cell)[b];
-            if slope(cell) == slope(&behind) && curvature(cell) == curvature(&behind) {
-                continue;
-            }
+        for b in (0..self.space.dimension()).filter(|&b| b != a && differs(b)) {
             let [before, beyond] = [cell, &behind].map(|cell| self.potential.force(cell, b));
             let own = cell[b] as i64;
             rise -= beyond.rise_to(particle.x[b]) - before.rise_to(particle.x[b]);
@@ -802,6 +800,11 @@ impl<'a> Tracer<'a> {
     /// The distance by which a particle at a face can move away from the face within its cell:
     /// `w²/(2|slope|)` if the slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
+        let is_free = self.potential.slope(&particle.cell, a) == 0.0
+            && self.potential.curvatures(&particle.cell)[a] == 0.0;
+        if is_free {
+            return f64::INFINITY;
+        }
         let face = self.faces[a][particle.cell[a] + usize::from(to_face > 0.0)];
         let push = -self.potential.force(&particle.cell, a).slope_at(face) * to_face;
         if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }

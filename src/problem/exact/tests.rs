@@ -339,12 +339,11 @@ fn origin([x, v]: [f64; 2], time: f64, slope: impl Fn(f64) -> f64) -> [f64; 6] {
 /// A potential along `x`, and its derivative.
 struct Curve {
     formula: &'static str,
-    slope: fn(f64) -> f64,
+    slope: &'static dyn Fn(f64) -> f64,
 }
 
-/// Mean errors in a potential of the points that `chosen` takes of
-/// their velocities and those of their feet, on more and more cells, and the orders of convergence
-/// they show.
+/// The orders of convergence of mean errors in a potential, on more and more cells, of the points
+/// that `chosen` takes by their velocities and those of their feet.
 fn orders(
     is_linear: bool,
     potential: &Curve,
@@ -375,14 +374,14 @@ fn curved_potentials_converge_as_they_should() {
     let near = |orders: &[f64], order: f64| orders.iter().all(|o| (o - order).abs() < 0.1);
     // Linear cells: second order; for particles that turn around in a cell, where the slope's error
     // O(Δx) acts for O(√Δx), 3/2.
-    let harmonic = Curve { formula: "x^2/2", slope: |x| x };
+    let harmonic = Curve { formula: "x^2/2", slope: &|x| x };
     let of_linear = |chosen: &dyn Fn(f64, f64) -> bool| {
         orders(true, &harmonic, &[32, 64, 128, 256, 512], chosen)
     };
     let [on_way, at_turn] = [of_linear(&fast), of_linear(&turning)];
     assert!(near(&on_way, 2.0) && near(&at_turn, 1.5), "{on_way:?} {at_turn:?}");
     // Quadratic cells: the slope's error is O(Δx²).
-    let wavy = Curve { formula: "0.4*sin(2*x)", slope: |x| 0.8 * (2.0 * x).cos() };
+    let wavy = Curve { formula: "0.4*sin(2*x)", slope: &|x| 0.8 * (2.0 * x).cos() };
     let of_quadratic =
         |chosen: &dyn Fn(f64, f64) -> bool| orders(false, &wavy, &[16, 32, 64, 128], chosen);
     let [on_way, at_turn] = [of_quadratic(&fast), of_quadratic(&turning)];
