@@ -15,6 +15,7 @@ use crate::plan::layout::Resources;
 use crate::plan::{Plan, refuse_long_transport};
 use crate::problem::case::Case;
 use crate::run::planning::{self, RunPlans};
+use crate::run::warnings::warnings;
 use crate::study::calibrate::{CalibratedRun, Calibration, calibrate};
 use crate::study::ranks::{RankChoice, RankTable};
 use serde::Serialize;
@@ -25,6 +26,8 @@ struct PlanJson<'a> {
     #[serde(flatten)]
     plan: &'a Plan,
     advice: &'a Advice,
+    /// Warnings about the case; those of its modes are in the plan.
+    warnings: &'a [String],
     #[serde(skip_serializing_if = "Option::is_none")]
     calibration: Option<&'a Calibration>,
 }
@@ -47,8 +50,11 @@ pub fn execute(world: &World, args: &PlanArgs) -> Result<()> {
         Some(RankNumbers::One(ranks)) => on_one(world, args, &case, *ranks),
         None if args.calibrate => on_one(world, args, &case, world.group().size()),
         None => on_one(world, args, &case, 1),
-    };
-    sbatch::write(world, args, &case, needs?)
+    }?;
+    if !args.json {
+        warnings(&case).iter().for_each(|warning| print(world, &format!("warning: {warning}")));
+    }
+    sbatch::write(world, args, &case, needs)
 }
 
 /// The node that the options describe, if they do.
@@ -84,7 +90,8 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<J
     let advice = Advice::new(case, &plan, &resources, node(args, ranks), here as u64);
     let calibration = calibration.as_ref();
     if args.json {
-        print_json(world, &PlanJson { plan: &plan, advice: &advice, calibration });
+        let warnings = &warnings(case);
+        print_json(world, &PlanJson { plan: &plan, advice: &advice, warnings, calibration });
     } else {
         print(world, &plan.to_string());
         print(world, &(errors(case) + &readout(case)));

@@ -36,7 +36,7 @@ use crate::study::advise::report::{may_be_slow, warnings};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::base_case;
 use crate::study::advise::setups::{
-    AdviceReport, GivenCase, SetupReport, mark_expensive, mark_too_long, nearest,
+    AdviceReport, GivenCase, LeftOut, SetupReport, mark_expensive, mark_too_long, nearest,
 };
 use crate::study::advise::trials::Trials;
 use crate::study::budget::{Budget, refuse_slow_grid};
@@ -96,7 +96,7 @@ struct Study<'a> {
     trials: Trials<'a>,
     /// Part of the budget up to which runs by modes are tried.
     share: f64,
-    left_out: Vec<String>,
+    left_out: Vec<LeftOut>,
     candidates: Vec<SetupCandidate>,
     /// The budget in seconds that may hold the next grid of a scheme, for those whose order is
     /// open.
@@ -137,8 +137,8 @@ impl<'a> Study<'a> {
         (self.share, self.candidates, self.ended) = (FOR_SCHEMES, Vec::new(), false);
         self.left_out.clear();
         if self.case.varies() && !self.case.is_galerkin() {
-            let slopes = "slopes (scheme.limiter): not possible if the inflow depends on time";
-            self.left_out.push(slopes.to_owned());
+            let why = "not possible if the inflow depends on time";
+            self.left_out.push(LeftOut::new("slopes (scheme.limiter)", why));
         }
         self.try_own_grid()?;
         let mut found = self.grids_by_scheme()?;

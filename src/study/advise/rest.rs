@@ -104,9 +104,7 @@ impl Study<'_> {
                 names.push(self.name(Method::Schrodingerized, scheme));
             }
             self.candidates.retain(|candidate| !names.contains(&candidate.entry.name));
-            let failed =
-                |line: &str| names.iter().any(|name| line.starts_with(&format!("{name} on ")));
-            self.left_out.retain(|line| !failed(line));
+            self.left_out.retain(|left| left.grid.is_none() || !names.contains(&left.name));
             self.add_set_ups(&found[of])?;
         }
         Ok(())

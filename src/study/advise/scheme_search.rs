@@ -6,6 +6,7 @@ use crate::study::advise::grid_search::{
     DISCRETISATION, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid,
 };
 use crate::study::advise::scheme::SchemeChoice;
+use crate::study::advise::setups::LeftOut;
 use crate::study::advise::{ROUND_OFF, Study};
 use crate::study::budget::{Budget, longer};
 use crate::study::grids::cells;
@@ -51,7 +52,7 @@ impl Study<'_> {
             };
             if let Err(error) = known {
                 let name = scheme.name(Method::Classical, self.jumps);
-                self.left_out.push(format!("{name} as it stands: {error}"));
+                self.left_out.push(LeftOut::new(format!("{name} as it stands"), error));
             }
         }
         Ok(())
@@ -76,7 +77,8 @@ impl Study<'_> {
         let refused =
             schemes.iter().find_map(|s| Some((s.degree, self.trials.prepare(s.degree).err()?)));
         if let Some((degree, error)) = refused {
-            self.left_out.push(format!("elements of degree {degree} and more: {error}"));
+            let elements = format!("elements of degree {degree} and more");
+            self.left_out.push(LeftOut::new(elements, error));
         }
         schemes.retain(|scheme| self.trials.is_prepared(scheme.degree));
         schemes
@@ -154,12 +156,12 @@ impl Study<'_> {
                     let part = FOR_GRIDS / schemes as f64;
                     let budget = Budget::seconds_for(updates.unwrap_or(f64::INFINITY), part);
                     let budget = longer(budget.max(2.0 * self.request.budget));
-                    self.left_out.push(format!(
-                        "{name}: the budget does not hold a run on {grid}; {budget} may allow it"
-                    ));
+                    let why =
+                        format!("the budget does not hold a run on {grid}; {budget} may allow it");
+                    self.left_out.push(LeftOut::new(name, why));
                 }
                 SearchResult::Failed(error) => {
-                    self.left_out.push(format!("{name}: {error}"));
+                    self.left_out.push(LeftOut::new(name, &error));
                     failure = Some(error);
                 }
             }

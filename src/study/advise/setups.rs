@@ -7,8 +7,10 @@ use crate::study::advise::grid_search::{Evidence, MeasuredGrid};
 use crate::study::advise::trials::UPDATES_PER_MODE;
 use crate::study::budget::longer;
 use crate::study::cost::application_weight;
+use crate::study::grids::shape_text;
 use crate::study::order::Order;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+use std::fmt;
 
 /// A run that is expected to take more than this multiple of the budget of its trials is refused.
 const TOO_LONG: f64 = 1000.0;
@@ -248,6 +250,40 @@ pub struct GivenCase {
     pub parts: ErrorParts,
 }
 
+/// A set-up that was not tried. In text and in JSON one line says so.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LeftOut {
+    /// Its name, or that of several.
+    pub name: String,
+    /// The grid on which its runs by modes failed; `None` if no grid was searched for them.
+    pub grid: Option<Vec<usize>>,
+    /// The reason.
+    pub why: String,
+}
+
+impl LeftOut {
+    /// The set-up of this name, for the reason `why`.
+    pub fn new(name: impl Into<String>, why: impl ToString) -> Self {
+        Self { name: name.into(), grid: None, why: why.to_string() }
+    }
+}
+
+impl fmt::Display for LeftOut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { name, grid, why } = self;
+        match grid {
+            Some(shape) => write!(f, "{name} on {}: {why}", shape_text(shape)),
+            None => write!(f, "{name}: {why}"),
+        }
+    }
+}
+
+impl Serialize for LeftOut {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
 /// The result of `phasewarp advise`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AdviceReport {
@@ -267,8 +303,8 @@ pub struct AdviceReport {
     pub best_classical: Option<usize>,
     /// The set-ups that reach the accuracy, quickest first; then those that are refused.
     pub entries: Vec<SetupReport>,
-    /// Names of the set-ups that were not tried, each with the reason.
-    pub left_out: Vec<String>,
+    /// The set-ups that were not tried.
+    pub left_out: Vec<LeftOut>,
     /// Warnings to the user.
     pub warnings: Vec<String>,
 }
@@ -290,7 +326,9 @@ impl AdviceReport {
             self.entries.iter().filter(|e| e.method == method).collect();
         let first = nearest(&of_method).or_else(|| of_method.first().copied());
         let why = first.and_then(|e| e.estimate.clone().or_else(|| e.refused.clone()));
-        why.unwrap_or_else(|| format!("nothing was tried; {}", self.left_out.join("; ")))
+        let left_out =
+            || self.left_out.iter().map(LeftOut::to_string).collect::<Vec<_>>().join("; ");
+        why.unwrap_or_else(|| format!("nothing was tried; {}", left_out()))
     }
 }
 
