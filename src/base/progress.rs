@@ -51,6 +51,11 @@ impl Progress {
         }
     }
 
+    /// Counts `work` units as done in all, if they are more than those before.
+    pub fn advance_to(&mut self, work: usize) {
+        self.advance(work.saturating_sub(self.done));
+    }
+
     /// Removes the bar.
     pub fn finish(&self) {
         if let Some(bar) = &self.bar {

@@ -54,6 +54,8 @@ struct Continuation {
     overrides: Vec<String>,
     /// Keys of the first part that are left out.
     left_out: Vec<String>,
+    /// The key for whose change the exact solution is left out.
+    without_exact: Option<String>,
     /// Checksums of the tables of the first part that the second part reads too, by key.
     tables: BTreeMap<String, String>,
 }
@@ -62,6 +64,8 @@ struct Continuation {
 const KEYS_OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.end"];
 /// Keys that list output times of the first part.
 const KEYS_OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
+/// Beginnings of the keys on which paths and inflow depend.
+const KEYS_OF_PATHS: [&str; 3] = ["potential", "inflow", "constants"];
 
 /// The case of the results in `directory`, from their time until `until`, changed by `changes`.
 /// `until` is a number or a formula of the constants of the case. Every dataset there is compared
@@ -82,6 +86,12 @@ pub fn load_continued(
     if group.is_first() && !found.left_out.is_empty() {
         let keys = found.left_out.join(" and ");
         eprint_wrapped(&format!("--continue: {keys} left out; they list times of the first part"));
+    }
+    if let (true, Some(key)) = (group.is_first(), &found.without_exact) {
+        eprint_wrapped(&format!(
+            "--continue: exact left out, as --set {key} changes the case: characteristics would be \
+             traced back to t = 0 with the new one"
+        ));
     }
     let case = with_tables(&group, &case)?.into_owned();
     for file in &case.tables {
@@ -125,12 +135,19 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
         |key: &&str| case.settings.keys().any(|k| k.starts_with(*key)) && !keys.contains(key);
     let left_out: Vec<String> =
         KEYS_OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
+    let begin = |beginnings: &[&str]| {
+        let begins = |key: &&&str| beginnings.iter().any(|start| key.starts_with(start));
+        keys.iter().find(begins).map(|key| (*key).to_owned())
+    };
+    let is_compared = case.traces_exact() && begin(&["exact"]).is_none();
+    let without_exact = begin(&KEYS_OF_PATHS).filter(|_| is_compared);
     let before = stored.overrides.iter().cloned();
     let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set)));
     let (files, tables) = carried_tables(case, &stored.provenance, &keys);
     let overrides = before
         .chain(files)
         .chain(left_out.iter().map(|key| format!("{key}=[]")))
+        .chain(without_exact.iter().map(|_| "exact={}".to_owned()))
         .chain(own)
         .chain([
             format!("initial.field={}", serde_json::Value::from(path)),
@@ -139,7 +156,7 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
         ])
         .collect();
     let name = stored.provenance.get("case_file").map_or("case", String::as_str).to_owned();
-    Ok(Continuation { name, text: stored.text, overrides, left_out, tables })
+    Ok(Continuation { name, text: stored.text, overrides, left_out, without_exact, tables })
 }
 
 /// The end of a run that continues the results of `case` at `time`. `keys` are changed.

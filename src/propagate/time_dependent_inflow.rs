@@ -134,9 +134,12 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
     matrix.entering.sums(square).collect()
 }
 
-/// The time of sample `k` of the inflow, from 0 to [`SAMPLES`].
+/// The time of sample `k` of the inflow, from 0 to [`SAMPLES`]. The first and the last one are just
+/// inside of the run: no step sees what the inflow is at its ends, where it may jump.
 fn sample_time(case: &Case, k: usize) -> f64 {
-    case.start_time + case.duration() * k as f64 / SAMPLES as f64
+    const AT_END: f64 = 1e-9;
+    let place = (k as f64 / SAMPLES as f64).clamp(AT_END, 1.0 - AT_END);
+    case.start_time + case.duration() * place
 }
 
 /// Samples the inflow over the whole run; returns the largest `|b_i|` on this rank.
@@ -346,12 +349,17 @@ fn refuse_small_tolerance(case: &Case) -> Result<()> {
 }
 
 /// The error of an inflow that varies too fast: `steps` steps leave `error`, above `goal`.
-fn varies_too_fast(case: &Case, steps: usize, error: f64, goal: f64) -> Error {
+fn varies_too_fast(search: &StepSearch<'_>, steps: usize, error: f64, goal: f64) -> Error {
+    let place = search.case.fields[0].entering().place();
+    let remedies = if search.jumps {
+        "it jumps: end the run at the jump and continue it (run --continue), make the jump smooth, \
+         or take a larger solver.tolerance"
+    } else {
+        "a smoother function of t, a smaller time.end or a larger solver.tolerance"
+    };
     Error::Input(format!(
-        "{}: what enters changes too fast for {steps} steps of time: the field is known to \
-         {error:.1e}, {goal:.1e} wanted; a smoother function of t, a smaller time.end or a larger \
-         solver.tolerance",
-        case.fields[0].entering().place()
+        "{place}: what enters changes too fast for {steps} steps of time: the field is known to \
+         {error:.1e}, {goal:.1e} wanted; {remedies}"
     ))
 }
 
@@ -399,7 +407,7 @@ pub fn schedule(
             break (fine, schedule);
         }
         if 2 * steps >= MOST_STEPS || error.is_nan() {
-            return Err(varies_too_fast(case, 2 * steps, error, goal));
+            return Err(varies_too_fast(&search, 2 * steps, error, goal));
         }
         (coarse, steps) = (fine, 2 * steps);
     };

@@ -268,8 +268,9 @@ impl Ledger {
         let (entered, expected) = (self.mass.entered?, self.mass.entered_estimate?);
         self.unbalanced(entered - expected, self.mass.entered_error)?;
         Some(format!(
-            "mass: {} enters the grid, the formula gives an estimated {}: the inflow has a pulse \
-             that is too short for the run's time steps, or narrower than its cells",
+            "mass: {} enters the grid, the formula gives an estimated {}: the grid does not \
+             resolve the inflow, an edge of V misses the faces of the grid, or a pulse of the \
+             inflow is too short for the run's time steps",
             short(entered),
             short(expected)
         ))

@@ -2,19 +2,23 @@
 //!
 //! For degree 0 they are sums over cells. For higher degrees they are integrals of the polynomials
 //! over each element by Gauss's rule, with more points than nodes: at the nodes a Galerkin scheme
-//! is more accurate than in between. The exact density and momentum are [`VelocityIntegrals`].
+//! is more accurate than in between. Elements in which a region of `V` begins or ends are cut there:
+//! the exact density may jump. The exact density and momentum are [`VelocityIntegrals`].
 
 use crate::base::error::Result;
-use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
-use crate::matrix::elements::{Element, apply_along_all, for_each_element};
+use crate::base::progress::Progress;
+use crate::base::quadrature::gauss_legendre;
+use crate::matrix::elements::{AxisMatrix, Element, apply_in_elements, for_each_element};
 use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+use crate::problem::potential::region_edges;
 use crate::results::summary::{ErrorNorms, GridErrors};
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use crate::run::exact::velocities::limits::expected_points;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Additional points of an element along each axis, and the largest total number of points for
@@ -59,7 +63,7 @@ pub fn by_cells(
 }
 
 /// Errors of the field `f` of a degree above 0 on a rank's `share` of space, as integrals over
-/// elements. Collective.
+/// elements. A rank that `prints` reports the progress. Collective.
 ///
 /// # Errors
 /// If `V` is not finite.
@@ -69,12 +73,19 @@ pub fn by_elements(
     exact: &Exact,
     share: &[Range<usize>],
     f: &[f64],
+    prints: bool,
 ) -> Result<GridErrors> {
     let values_of = ExactValues::new(world, case, exact)?;
     let mut sums = ElementSums::new(world, case, &values_of);
+    let velocities: usize = case.space.v.iter().map(Axis::elements).product();
+    let nodes: usize = case.space.x.iter().map(|axis| axis.nodes.count()).product();
+    let of_share: usize = share.iter().map(Range::len).product();
+    let mut progress = Progress::new(prints, "exact errors", of_share / nodes * velocities);
     for_each_element(&case.space, share, |element| {
         sums.add(element, &element.nodal(share, f));
+        progress.advance(1);
     });
+    progress.finish();
     Ok(sums.finish(world))
 }
 
@@ -97,20 +108,77 @@ pub fn exact_points(case: &Case) -> f64 {
     points(&case.space, more) + expected_points(case, positions)
 }
 
-/// Quadrature rules of an element, and sums over elements.
+/// A quadrature rule of an element along an axis.
+struct LineRule {
+    /// Points on `[−1, 1]`.
+    points: Vec<f64>,
+    /// Weights of the points times half the element's width.
+    weights: Vec<f64>,
+    /// Interpolation from nodes to points.
+    matrix: Vec<Vec<f64>>,
+}
+
+impl LineRule {
+    /// Gauss's rule with `count` points in each part of an element of `axis` that is cut at the
+    /// ascending `cuts` in `(−1, 1)`.
+    fn new(axis: &Axis, count: usize, cuts: &[f64]) -> Self {
+        let ends: Vec<f64> = [&[-1.0], cuts, &[1.0]].concat();
+        let (mut points, mut weights) = (Vec::new(), Vec::new());
+        for part in ends.windows(2) {
+            let [centre, half] = [0.5 * (part[0] + part[1]), 0.5 * (part[1] - part[0])];
+            for point in gauss_legendre(count) {
+                points.push(centre + half * point.node);
+                weights.push(0.5 * axis.width() * half * point.weight);
+            }
+        }
+        let matrix = points.iter().map(|x| axis.nodes.reference().values_at(*x)).collect();
+        Self { points, weights, matrix }
+    }
+}
+
+/// The quadrature rules of the elements along an axis.
+struct AxisRules {
+    /// The rule of whole elements.
+    whole: LineRule,
+    /// The rules of the elements that are cut.
+    cut: BTreeMap<usize, LineRule>,
+}
+
+impl AxisRules {
+    /// Rules with `count` points in a whole element, or in a part of one between `edges`.
+    fn new(axis: &Axis, count: usize, edges: &[f64]) -> Self {
+        /// A cut closer to a face, in halves of an element, is on the face.
+        const ON_FACE: f64 = 1e-6;
+        let mut cuts: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+        for edge in edges {
+            let from_lower = (edge - axis.lower) / axis.width();
+            let element = from_lower as usize;
+            let at = 2.0 * (from_lower - element as f64) - 1.0;
+            if at.abs() < 1.0 - ON_FACE {
+                cuts.entry(element).or_default().push(at);
+            }
+        }
+        let rule = |(element, mut cuts): (usize, Vec<f64>)| {
+            cuts.sort_by(f64::total_cmp);
+            (element, LineRule::new(axis, count, &cuts))
+        };
+        let cut = cuts.into_iter().map(rule).collect();
+        Self { whole: LineRule::new(axis, count, &[]), cut }
+    }
+
+    fn of(&self, element: usize) -> &LineRule {
+        self.cut.get(&element).unwrap_or(&self.whole)
+    }
+}
+
+/// Quadrature rules of the elements, and sums over elements.
 struct ElementSums<'a> {
     case: &'a Case,
     values_of: &'a ExactValues<'a>,
     /// Density and momentum of the exact solution.
     integrals: VelocityIntegrals<'a>,
-    /// Points of each axis.
-    points: Vec<Vec<f64>>,
-    /// Weights of the points times half the element's width.
-    weights: Vec<Vec<f64>>,
-    /// Interpolation from nodes to points, by axis.
-    matrices: Vec<Vec<Vec<f64>>>,
-    /// Points of space and of velocity in an element.
-    counts: [usize; 2],
+    /// The rules of each axis.
+    rules: Vec<AxisRules>,
     /// The element of space whose velocities are being summed.
     index: Option<Vec<usize>>,
     /// Sums over velocities at the points of that element.
@@ -131,33 +199,20 @@ impl<'a> ElementSums<'a> {
     fn new(world: &Group, case: &'a Case, values_of: &'a ExactValues<'a>) -> Self {
         let space = &case.space;
         let more = more_points(space);
-        let rules: Vec<Vec<QuadraturePoint>> =
-            space.axes().map(|a| gauss_legendre(a.nodes.count() + more)).collect();
-        let points: Vec<Vec<f64>> =
-            rules.iter().map(|rule| rule.iter().map(|p| p.node).collect()).collect();
-        let weights = (space.axes().zip(&rules))
-            .map(|(axis, rule)| rule.iter().map(|p| 0.5 * axis.width() * p.weight).collect())
+        // An edge across no axis is not known.
+        let edges = region_edges(case).into_iter().map(Option::unwrap_or_default);
+        let edges = edges.chain(std::iter::repeat(Vec::new()));
+        let rules = (space.axes().zip(edges))
+            .map(|(axis, edges)| AxisRules::new(axis, axis.nodes.count() + more, &edges))
             .collect();
-        let matrices = (space.axes().zip(&points))
-            .map(|(axis, points)| {
-                points.iter().map(|x| axis.nodes.reference().values_at(*x)).collect()
-            })
-            .collect();
-        let n = space.dimension();
-        let count = |axes: &[Vec<f64>]| axes.iter().map(Vec::len).product();
-        let counts = [count(&points[..n]), count(&points[n..])];
-        let elements: usize = space.x.iter().map(Axis::elements).product();
-        let places = elements * counts[0];
+        let places = space.x.iter().map(|a| a.elements() * (a.nodes.count() + more)).product();
         Self {
             case,
             values_of,
             integrals: VelocityIntegrals::new(world, values_of, case, case.end, places),
-            points,
-            weights,
-            matrices,
-            counts,
+            rules,
             index: None,
-            here: vec![[0.0; SUMS]; counts[0]],
+            here: Vec::new(),
             terms: Vec::new(),
             field: [0.0; NORMS],
         }
@@ -171,14 +226,19 @@ impl<'a> ElementSums<'a> {
             self.flush();
             self.index = Some(index);
         }
-        let found = apply_along_all(nodal, &self.matrices);
-        let exact = self.values_of.values_at(&element.points(&self.points), self.case.end);
-        let space_weights = products(&self.weights[..n]);
-        let velocity_weights = products(&self.weights[n..]);
-        let velocities = self.velocities(element);
+        let rules = self.rules_of(&element.index);
+        let space_weights = products(&rules[..n]);
+        let velocity_weights = products(&rules[n..]);
+        let matrices: Vec<AxisMatrix<'_>> =
+            rules.iter().map(|rule| AxisMatrix { elements: 1, matrix: &rule.matrix }).collect();
+        let found = apply_in_elements(nodal, &matrices);
+        let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
+        let exact = self.values_of.values_at(&element.points(&points), self.case.end);
+        let velocities = velocities(element, &points);
+        self.here.resize(space_weights.len(), [0.0; SUMS]);
         for (q, space_weight) in space_weights.iter().enumerate() {
             for (r, velocity_weight) in velocity_weights.iter().enumerate() {
-                let at = q * self.counts[1] + r;
+                let at = q * velocity_weights.len() + r;
                 let pair = [found[at], exact[at]];
                 for (sum, term) in self.field.iter_mut().zip(norm_terms(pair[0], pair[1])) {
                     *sum += space_weight * velocity_weight * term;
@@ -191,12 +251,9 @@ impl<'a> ElementSums<'a> {
         }
     }
 
-    /// Velocities at the points of an element.
-    fn velocities(&self, element: &Element<'_>) -> Vec<[f64; MAX_DIMENSION]> {
-        let n = self.case.space.dimension();
-        let mut points = self.points.clone();
-        points[..n].iter_mut().for_each(|axis| axis.truncate(1));
-        element.points(&points).into_iter().map(|[.., u, v, w]| [u, v, w]).collect()
+    /// The rules along the first axes of an element with this `index`.
+    fn rules_of(&self, index: &[usize]) -> Vec<&LineRule> {
+        self.rules.iter().zip(index).map(|(rules, element)| rules.of(*element)).collect()
     }
 
     /// Adds the terms of the element of space whose velocities were summed.
@@ -205,9 +262,11 @@ impl<'a> ElementSums<'a> {
             return;
         };
         let n = self.case.space.dimension();
-        let places = self.case.space.points_in(&element, &self.points[..n]);
+        let rules = self.rules_of(&element);
+        let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
+        let places = self.case.space.points_in(&element, &points);
         let (mut sums, mut mass) = ([[0.0; NORMS]; 2], 0.0);
-        let weights = products(&self.weights[..n]);
+        let weights = products(&rules);
         for ((here, place), weight) in self.here.iter().zip(places).zip(weights) {
             let [x, y, z, ..] = place;
             let exact = self.integrals.at(&[x, y, z]).moments;
@@ -224,7 +283,7 @@ impl<'a> ElementSums<'a> {
         terms[..3 * NORMS].copy_from_slice(all.as_flattened());
         terms[3 * NORMS] = mass;
         self.terms.push(terms);
-        self.here.fill([0.0; SUMS]);
+        self.here.clear();
     }
 
     /// The norms over all elements. Collective.
@@ -240,11 +299,19 @@ impl<'a> ElementSums<'a> {
     }
 }
 
-/// The products of one weight of each axis, the last axis fastest.
-fn products(weights: &[Vec<f64>]) -> Vec<f64> {
+/// The velocities of the product of the `points` along all axes of an element.
+fn velocities(element: &Element<'_>, points: &[&[f64]]) -> Vec<[f64; MAX_DIMENSION]> {
+    let n = points.len() / 2;
+    let one_place: Vec<&[f64]> =
+        points.iter().enumerate().map(|(a, p)| if a < n { &p[..1] } else { p }).collect();
+    element.points(&one_place).into_iter().map(|[.., u, v, w]| [u, v, w]).collect()
+}
+
+/// The products of one weight of each rule, the last one fastest.
+fn products(rules: &[&LineRule]) -> Vec<f64> {
     let mut products = vec![1.0];
-    for axis in weights {
-        products = products.iter().flat_map(|p| axis.iter().map(move |w| p * w)).collect();
+    for rule in rules {
+        products = products.iter().flat_map(|p| rule.weights.iter().map(move |w| p * w)).collect();
     }
     products
 }

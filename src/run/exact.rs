@@ -19,6 +19,7 @@ use crate::results::dataset::ExactSolution;
 use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
+use crate::run::exact::velocities::limits::most_at;
 use crate::solve::rank_cells::RankCells;
 use std::ops::Range;
 use std::time::Instant;
@@ -63,12 +64,12 @@ pub fn exact_run(
     let mut run = ExactRun::default();
     let Some(exact) = &case.exact else { return Ok(run) };
     let times = times(case);
-    let mut watch = ExactWatch::new(prints, times.len());
+    let mut watch = ExactWatch::new(prints, times.len(), ExactWork::of(case, rank_cells));
     let by_sheet = case.is_measure_valued() && matches!(exact, Exact::Characteristics);
     let values_of = if by_sheet { None } else { Some(ExactValues::new(world, case, exact)?) };
     for time in times {
         let found = match &values_of {
-            Some(values_of) => at_time(world, case, rank_cells, time, values_of)?,
+            Some(values_of) => at_time(world, case, rank_cells, time, values_of, &mut watch)?,
             None => moments_of_sheet(world, case, rank_cells, time)?,
         };
         run.moments.push(found.moments);
@@ -81,6 +82,30 @@ pub fn exact_run(
     Ok(run)
 }
 
+/// What a rank computes at a time, in values of the exact solution.
+#[derive(Clone, Copy)]
+struct ExactWork {
+    /// Values at the rank's cells.
+    values: usize,
+    /// Cells of space at which the density is integrated.
+    places: usize,
+    /// About the number of values of one integral.
+    integral: usize,
+}
+
+impl ExactWork {
+    fn of(case: &Case, rank_cells: &RankCells) -> Self {
+        let places = rank_cells.share.iter().map(Range::len).product();
+        let integral = most_at(case, case.space.space_cells() as f64) as usize;
+        Self { values: rank_cells.part().cells.len(), places, integral }
+    }
+
+    /// All values.
+    fn sum(&self) -> usize {
+        self.values + self.places * self.integral
+    }
+}
+
 /// Reports the progress of the exact solution, and once a warning if it takes long.
 struct ExactWatch {
     progress: Progress,
@@ -90,19 +115,21 @@ struct ExactWatch {
     all: usize,
     /// Number of times at which the exact solution is computed.
     done: usize,
+    /// What is computed at a time.
+    work: ExactWork,
     started: Instant,
 }
 
 impl ExactWatch {
-    fn new(prints: bool, all: usize) -> Self {
-        let progress = Progress::new(prints && all > 1, "exact solution", all);
-        Self { progress, silent: !prints, all, done: 0, started: Instant::now() }
+    fn new(prints: bool, all: usize, work: ExactWork) -> Self {
+        let progress = Progress::new(prints, "exact solution", all * work.sum());
+        Self { progress, silent: !prints, all, done: 0, work, started: Instant::now() }
     }
 
     /// Counts a time as done.
     fn advance(&mut self) {
         self.done += 1;
-        self.progress.advance(1);
+        self.progress.advance_to(self.done * self.work.sum());
         if self.silent {
             return;
         }
@@ -149,19 +176,25 @@ fn moments_of_sheet(
 
 /// The exact solution at a time on `rank_cells`: `f` at cell centres, and its moments. These are
 /// integrals over the velocities, averaged over cells of degree 0; or sums over the velocities of
-/// the grid, if these are accurate enough. Collective.
+/// the grid, if these are accurate enough. `watch` reports the progress. Collective.
 fn at_time(
     world: &Group,
     case: &Case,
     rank_cells: &RankCells,
     time: f64,
     values_of: &ExactValues<'_>,
+    watch: &mut ExactWatch,
 ) -> Result<AtTime> {
+    /// Cells of space between which the progress is reported.
+    const TOGETHER: usize = 64;
     let space = &case.space;
     let values = match values_of {
         ExactValues::Given(f) => sample(world, space, &rank_cells.part(), f, time),
         ExactValues::Traced(_) => {
-            let at_points = |points: &[[f64; 6]]| values_of.values_at(points, time);
+            let at_points = |points: &[[f64; 6]]| {
+                watch.progress.advance(points.len());
+                values_of.values_at(points, time)
+            };
             let values = sample_with(space, &rank_cells.part(), at_points);
             if values.iter().all(|f| f.is_finite()) {
                 Ok(values)
@@ -182,7 +215,11 @@ fn at_time(
             (moments, errors)
         }
         None => {
-            let found = integrals.on_cells(case, &cells(&rank_cells.share));
+            let mut found = Vec::new();
+            for cells in cells(&rank_cells.share).chunks(TOGETHER) {
+                found.extend(integrals.on_cells(case, cells));
+                watch.progress.advance(cells.len() * watch.work.integral);
+            }
             let errors = found.iter().map(|integral| integral.error).collect();
             let moments = found.into_iter().map(|integral| integral.moments);
             (Moments::new(world, n, moments), errors)

@@ -34,7 +34,7 @@ pub struct ExpandedResults {
 }
 
 /// Expands `solution` to the user's grid `result_grid`, and puts its ranges, totals and errors into
-/// `summary`. Collective.
+/// `summary`. A rank that `prints` reports the progress of the errors. Collective.
 ///
 /// # Errors
 /// If `V` is not finite.
@@ -44,6 +44,7 @@ pub(crate) fn expand(
     result_grid: &ResultGrid,
     exact: &ExactRun,
     summary: &mut Summary,
+    prints: bool,
 ) -> Result<ExpandedResults> {
     let share = &prepared.rank_cells.share;
     let mut fields: Vec<Vec<f64>> = (solution.fields.into_iter())
@@ -77,6 +78,7 @@ pub(crate) fn expand(
         volumes: &volumes,
         field: &fields[0],
         moments: &moments,
+        prints,
     };
     result.set_errors(exact, summary)?;
     if case.accuracy.is_some() {
@@ -95,6 +97,8 @@ struct ResultOnShare<'a> {
     /// The first field.
     field: &'a [f64],
     moments: &'a Moments,
+    /// Whether this rank reports the progress of errors.
+    prints: bool,
 }
 
 impl ResultOnShare<'_> {
@@ -106,7 +110,7 @@ impl ResultOnShare<'_> {
         let (Some(solution), Some(moments)) = (&exact.exact, exact.moments.last()) else {
             return Ok(());
         };
-        let Self { world, case, share, volumes, .. } = *self;
+        let Self { world, case, share, volumes, prints, .. } = *self;
         let values = match solution {
             ExactSolution::Measure { .. } => {
                 self.set_moment_errors(moments, summary);
@@ -115,7 +119,7 @@ impl ResultOnShare<'_> {
             ExactSolution::Field(values) => values,
         };
         let errors = match (&case.exact, case.space.whole_degree()) {
-            (Some(kind), 1..) => errors::by_elements(world, case, kind, share, self.field)?,
+            (Some(kind), 1..) => errors::by_elements(world, case, kind, share, self.field, prints)?,
             _ => {
                 let field = FieldNorms { world, volumes, f: self.field }.errors(values);
                 errors::by_cells(world, volumes, field, self.moments, moments)

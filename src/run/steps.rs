@@ -243,7 +243,7 @@ impl<'a> Driver<'a> {
     ) -> Result<ExpandedResults> {
         let prepared = &planned.prepared;
         let (grid, summary) = (&reduced.result_grid, &mut self.summary);
-        expand::expand(prepared, solution, grid, exact, summary)
+        expand::expand(prepared, solution, grid, exact, summary, self.log.prints)
     }
 
     /// Puts the errors of `result` that particles show into the summary, and that of the exact
