@@ -20,6 +20,30 @@ pub struct ParticleErrors {
     pub field_mean: Option<f64>,
     /// Of the density in L1, beyond the scatter: at least this.
     pub density: Option<f64>,
+    /// Of the density in L2, with the scatter: at most this, but for what varies within the parts
+    /// of space whose masses are compared.
+    #[serde(default)]
+    pub density_most: Option<f64>,
+}
+
+/// Errors of the grid that are estimated from the solution alone.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EstimatedErrors {
+    /// Relative L2 errors of `f` and of the density.
+    pub grid: GridErrorPair,
+    /// That of the density as its own coefficients show it, with elements. The error of `f` may
+    /// be smeared out there, so that `grid` counts more.
+    pub density_shown: Option<f64>,
+}
+
+impl EstimatedErrors {
+    /// The errors of the grid, where that of the density is no larger than what `particles` and its
+    /// own coefficients leave room for.
+    pub fn within(self, particles: ParticleErrors) -> GridErrorPair {
+        let most = self.density_shown.zip(particles.density_most);
+        let most = most.map_or(f64::INFINITY, |(shown, most)| WITHIN_PARTS * shown.hypot(most));
+        GridErrorPair { density: self.grid.density.map(|error| error.min(most)), ..self.grid }
+    }
 }
 
 impl ParticleErrors {
@@ -34,6 +58,8 @@ impl ParticleErrors {
     }
 }
 
+/// Factor on an error of the density in parts of space, for what varies within them.
+const WITHIN_PARTS: f64 = 2.0;
 /// Largest part of an error of `f` by particles that may be the error of their paths.
 const MOST_TRACED: f64 = 0.25;
 
@@ -183,10 +209,11 @@ impl Accuracy {
 
     /// Counts the error of the density of elements, if it is estimated, as no less than the square
     /// of a large error of `f` that particles show. Where `f` was smeared out, the solution's own
-    /// coefficients show neither.
+    /// coefficients show neither. It is no larger than particles leave room for.
     pub fn count_smeared_density(&mut self) {
         let shown = self.particles.field_mean.filter(|error| is_large(*error));
-        let least = shown.map(|error| error * error).filter(|_| !self.grid_measured);
+        let most = self.particles.density_most.map_or(f64::INFINITY, |most| WITHIN_PARTS * most);
+        let least = shown.map(|error| (error * error).min(most)).filter(|_| !self.grid_measured);
         if let (Some(least), Some(density)) = (least, self.grid_density)
             && least > density
         {

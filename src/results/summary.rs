@@ -8,7 +8,9 @@ use crate::base::text::GRID_ERROR;
 use crate::problem::case::{Case, Data, Interface, Method};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
-use crate::results::accuracy::{Accuracy, GridErrorPair, STAIRCASE, hides_staircase, is_large};
+use crate::results::accuracy::{
+    Accuracy, EstimatedErrors, GridErrorPair, STAIRCASE, hides_staircase, is_large,
+};
 use crate::results::ledger::Ledger;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -447,8 +449,8 @@ pub struct Summary {
 
 impl Summary {
     /// Sets accuracy and missed goals once all other numbers are known. `estimated` are the grid's
-    /// estimated errors of `f` and of the density.
-    pub fn judge(&mut self, case: &Case, estimated: GridErrorPair) {
+    /// estimated errors.
+    pub fn judge(&mut self, case: &Case, estimated: EstimatedErrors) {
         self.set_accuracy(case, estimated);
         self.set_advice(case);
         let continued = self.continued.as_ref();
@@ -456,7 +458,7 @@ impl Summary {
     }
 
     /// Sets the errors, and the goals that are missed.
-    fn set_accuracy(&mut self, case: &Case, estimated: GridErrorPair) {
+    fn set_accuracy(&mut self, case: &Case, estimated: EstimatedErrors) {
         let measured = GridErrorPair {
             field: self.error_l2_relative,
             density: self.error_density_l2_relative,
@@ -500,6 +502,7 @@ impl Summary {
             inherited: self.continued.as_ref().map_or(GridErrorPair::default(), |c| c.grid),
             ..Accuracy::default()
         };
+        let estimated = estimated.within(accuracy.particles);
         self.accuracy = accuracy.with_grid(measured, estimated);
         if case.space.whole_degree() > 0 {
             self.accuracy.count_smeared_density();
@@ -760,7 +763,8 @@ mod tests {
             let particles = ParticleErrors { density: Some(shown), ..ParticleErrors::default() };
             let accuracy = Accuracy { particles, goal_error: measured, ..Accuracy::default() };
             let mut summary = Summary { accuracy, ..Summary::default() };
-            summary.judge(&case, GridErrorPair { field: Some(1e-3), density: Some(1e-3) });
+            let grid = GridErrorPair { field: Some(1e-3), density: Some(1e-3) };
+            summary.judge(&case, EstimatedErrors { grid, density_shown: None });
             (summary.missed.accuracy, summary.accuracy.under_resolved)
         };
         let (missed, under_resolved) = judged(0.2, None);

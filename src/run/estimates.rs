@@ -10,7 +10,8 @@
 //! highest one of each element. At fronts these are like the highest one itself. If coefficients
 //! fall fast, as for smooth data, they are smaller by the same rate. The error of the density is of
 //! the order of the square of that of `f`: an error that is smeared over a front of width `w` is
-//! `√w` in L2 and `w` in the density, and smooth errors nearly cancel.
+//! `√w` in L2 and `w` in the density, and smooth errors nearly cancel. After phase mixing it is far
+//! smaller; particles of the exact flow may show that later ([`EstimatedErrors::within`]).
 //!
 //! docs/limits.md says how reliable the estimates are; tests/cli/accuracy.rs tests it.
 
@@ -24,6 +25,7 @@ use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::Case;
 use crate::problem::grid::{Cell, PhaseSpace};
 use crate::propagate::limiter::half_difference;
+use crate::results::accuracy::{EstimatedErrors, GridErrorPair};
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 
@@ -43,10 +45,10 @@ const RATIO_OF_DEGREE_1: f64 = 0.5;
 ///
 /// # Errors
 /// If `V` is not finite.
-pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2]> {
+pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors> {
     let space = &prepared.case.space;
     if prepared.case.is_measure_valued() {
-        return Ok([None; 2]);
+        return Ok(EstimatedErrors::default());
     }
     // Memory that the solve freed goes back before the vectors of the estimate are allocated.
     memory::give_back();
@@ -55,13 +57,18 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<[Option<f64>; 2
     if !with_elements || space.axes().any(|axis| axis.nodes.degree == 0 && axis.cells > 1) {
         found = by_transport(prepared, f)?;
     }
+    let mut density_shown = f64::NAN;
     if with_elements {
         let more = by_coefficients(prepared, f);
         let [field, density] = [0, 1].map(|k| f64::hypot(found[k], more[k]));
         found = [field, f64::hypot(density, field * field)];
+        density_shown = density;
     }
     // A field that is zero has no relative error.
-    Ok(found.map(|e| Some(e).filter(|e| !e.is_nan()).map(|e| e.min(1.0))))
+    let known = |error: f64| Some(error).filter(|e| !e.is_nan()).map(|e| e.min(1.0));
+    let [field, density] = found.map(known);
+    let grid = GridErrorPair { field, density };
+    Ok(EstimatedErrors { grid, density_shown: known(density_shown) })
 }
 
 /// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same for the integrals over the velocities.

@@ -7,7 +7,7 @@ use crate::parallel::communicator::{Group, World};
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::results::accuracy::{GridErrorPair, is_large};
+use crate::results::accuracy::{EstimatedErrors, is_large};
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
@@ -70,8 +70,8 @@ pub(super) struct StartObserved {
 /// The estimated errors of the fields.
 pub(super) struct FieldErrors {
     plateau: Vec<PlateauPoint>,
-    /// Estimates of the relative L2 errors of the grid, of `f` and of the density.
-    estimated: GridErrorPair,
+    /// Estimates of the errors of the grid.
+    estimated: EstimatedErrors,
 }
 
 /// The results of all steps before the last.
@@ -225,8 +225,8 @@ impl<'a> Driver<'a> {
         }
         summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
         let plateau = compare::plateau(prepared, solution);
-        let [field, density] = estimates::of_the_grid(prepared, &solution.fields[0][0])?;
-        Ok(FieldErrors { plateau, estimated: GridErrorPair { field, density } })
+        let estimated = estimates::of_the_grid(prepared, &solution.fields[0][0])?;
+        Ok(FieldErrors { plateau, estimated })
     }
 
     /// Step 9: fields and moments on the grid of the results, and their distance to the exact
@@ -270,7 +270,7 @@ impl<'a> Driver<'a> {
         let shown = match exact.moments.last() {
             // In one dimension, the exact density of degree 0 is an average over each cell.
             Some(moments) if space.dimension() == 1 && space.whole_degree() == 0 => {
-                arrivals.error_of(world, result, &moments.density)
+                arrivals.density_errors(world, result, &moments.density).least
             }
             // Otherwise its mass is known up to the error of a rule.
             _ => self

@@ -34,6 +34,8 @@ const MOST_PRODUCTS: usize = 20_000_000;
 const LEAST_PARTICLES: usize = 16;
 /// Least number of replicates of which particles arrive.
 const LEAST_REPLICATES: usize = 12;
+/// Standard errors of a mass by which it may be off, in an error that is at most so large.
+const SCATTER_OF_MOST: f64 = 2.0;
 /// Largest standard error of the square of an error, as a part of it, with which the mean counts.
 const MOST_SCATTER: f64 = 0.2;
 /// Arrivals that are traced back through cells in which `V` is approximated, on half as many.
@@ -75,6 +77,14 @@ pub struct Arrivals {
 pub struct GatheredArrivals {
     by_replicate: Vec<Vec<ArrivedParticle>>,
     halved: Option<HalvedCells>,
+}
+
+/// Relative errors of a density by the masses of particles; `None` without any.
+pub struct DensityErrors {
+    /// In L1, beyond the scatter of the masses: at least this.
+    pub least: Option<f64>,
+    /// In L2, with the scatter: at most this, but for what varies within the parts.
+    pub most: Option<f64>,
 }
 
 /// A result on a rank's share of its grid.
@@ -126,7 +136,8 @@ impl GatheredArrivals {
         let is_density = !result.case.is_measure_valued();
         let [field, field_mean] =
             if is_density { self.field_error(world, result) } else { [None; 2] };
-        ParticleErrors { field, field_mean, density: self.error_of(world, result, result.density) }
+        let DensityErrors { least, most } = self.density_errors(world, result, result.density);
+        ParticleErrors { field, field_mean, density: least, density_most: most }
     }
 
     /// About the relative L2 error of the values of some arrivals where `V` is approximated: what
@@ -218,14 +229,14 @@ impl GatheredArrivals {
         ((mass - expected).abs() - STANDARD_ERRORS * scatter).max(0.0)
     }
 
-    /// The relative L1 error of a `density` on the share of `result`, by the masses in parts of
+    /// The relative errors of a `density` on the share of `result`, by the masses in parts of
     /// space and in all of it. Collective.
-    pub fn error_of(
+    pub fn density_errors(
         &self,
         world: &Group,
         result: &ComparedResult<'_>,
         density: &[f64],
-    ) -> Option<f64> {
+    ) -> DensityErrors {
         let all = &self.by_replicate;
         let (space, share) = (&result.case.space, result.share);
         let most = PARTS[space.dimension() - 1];
@@ -244,6 +255,15 @@ impl GatheredArrivals {
                 arrived += 1;
             }
         }
+        // The last axis is the fastest.
+        let volume_of = |part: usize| -> f64 {
+            let along = space.x.iter().rev().enumerate().map(|(back, axis)| {
+                let own = part / most.pow(back as u32) % most;
+                let elements = (0..axis.elements()).filter(|e| part_of(axis, *e) == own);
+                elements.count() as f64 * axis.width()
+            });
+            along.product()
+        };
         // A part that no particle reached may have the mass of some.
         let of_particle = absolute / (arrived.max(1) * all.len()) as f64;
         let volumes = CellVolumes::new(space, share);
@@ -255,17 +275,28 @@ impl GatheredArrivals {
             ));
         });
         let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
+        let (mut square_of_most, mut square) = (0.0, 0.0);
         let found = volumes.integrals_by_part(world, density, &places, count);
-        for (masses, found) in masses_of.iter().zip(found) {
+        for (part, (masses, found)) in masses_of.iter().zip(found).enumerate() {
             let [expected, scatter] = mean(masses);
-            let uncertain = STANDARD_ERRORS * scatter.max(of_particle);
-            shown += ((found - expected).abs() - uncertain).max(0.0);
+            let scatter = scatter.max(of_particle);
+            let difference = (found - expected).abs();
+            shown += (difference - STANDARD_ERRORS * scatter).max(0.0);
             size += expected.abs();
             total += found;
+            let volume = volume_of(part);
+            if volume > 0.0 {
+                square_of_most += (difference + SCATTER_OF_MOST * scatter).powi(2) / volume;
+                square += expected * expected / volume;
+            }
         }
         // The whole mass is known better than its parts if little of it leaves.
         shown = shown.max(self.mass_difference(total));
-        Some(shown / size).filter(|error| error.is_finite())
+        let finite = |error: f64| Some(error).filter(|error| error.is_finite());
+        DensityErrors {
+            least: finite(shown / size),
+            most: finite((square_of_most / square).sqrt()),
+        }
     }
 }
 
