@@ -88,7 +88,7 @@ pub fn of_degree(case: &Case, degree: usize, merged: &[bool]) -> Result<Case> {
         *axis = Axis { cells: elements * nodes.count(), nodes, ..axis.clone() };
     }
     let grids = Grids::new(&case).with_merged(merged.to_vec());
-    Ok(on_grid(&case, &grids.scaled(&case.space.elements(), 1.0)))
+    Ok(on_grid(&case, &grids.scaled(&case.space.elements(), AxisGroup::All, 1.0)))
 }
 
 /// The `--set` options that give all axes of `case` this degree.
@@ -144,6 +144,17 @@ pub fn coarsened(case: &Case, most: usize) -> Case {
     case
 }
 
+/// The axes along which a grid changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AxisGroup {
+    /// All axes.
+    All,
+    /// The axes of space.
+    Space,
+    /// The axes of velocity.
+    Velocity,
+}
+
 /// Grids over the box of a case.
 pub struct Grids {
     axes: Vec<Axis>,
@@ -195,35 +206,29 @@ impl Grids {
         Self { merged, ..self }
     }
 
-    /// `shape` with `cells(k, n)` instead of `n` elements along each axis `k` that is not merged.
-    fn mapped(&self, shape: &[usize], cells: impl Fn(usize, usize) -> usize) -> Vec<usize> {
-        let of = |(k, &n)| if self.merged[k] { n } else { cells(k, n) };
+    /// `shape` with `cells(k, n)` instead of `n` elements along each of the `axes` `k` that are not
+    /// merged.
+    fn mapped(
+        &self,
+        shape: &[usize],
+        axes: AxisGroup,
+        cells: impl Fn(usize, usize) -> usize,
+    ) -> Vec<usize> {
+        let changes = |k: usize| {
+            let in_group = match axes {
+                AxisGroup::All => true,
+                AxisGroup::Space => k < self.dimension(),
+                AxisGroup::Velocity => k >= self.dimension(),
+            };
+            in_group && !self.merged[k]
+        };
+        let of = |(k, &n)| if changes(k) { cells(k, n) } else { n };
         shape.iter().enumerate().map(of).collect()
     }
 
-    /// `shape`, twice as fine along the axes that are not merged.
-    pub fn twice(&self, shape: &[usize]) -> Vec<usize> {
-        self.mapped(shape, |_, n| 2 * n)
-    }
-
-    /// `shape`, twice as fine along its axes of space (`of_space`) or of velocity that are not
-    /// merged.
-    pub fn doubled(&self, shape: &[usize], of_space: bool) -> Vec<usize> {
-        let is_space = |k| k < self.dimension();
-        self.mapped(shape, |k, n| if is_space(k) == of_space { 2 * n } else { n })
-    }
-
-    /// `shape` with about `part` of the elements along its axes of space (`of_space`) or of
-    /// velocity that are not merged.
-    pub fn fewer(&self, shape: &[usize], of_space: bool, part: f64) -> Vec<usize> {
-        let is_space = |k| k < self.dimension();
-        self.mapped(shape, |k, n| {
-            if is_space(k) == of_space {
-                self.near(k, n as f64 * part * (1.0 - 1e-12), 2)
-            } else {
-                n
-            }
-        })
+    /// `shape`, twice as fine along the `axes` that are not merged.
+    pub fn doubled(&self, shape: &[usize], axes: AxisGroup) -> Vec<usize> {
+        self.mapped(shape, axes, |_, n| 2 * n)
     }
 
     /// Number of space dimensions.
@@ -278,19 +283,19 @@ impl Grids {
         };
         let halvings = (0..=COARSEST).rev().find(|&k| enough(k)).unwrap_or(0);
         let divisor = f64::from(1u32 << halvings);
-        self.mapped(own, |k, n| self.near(k, n as f64 / divisor, fewest.min(n)))
+        self.mapped(own, AxisGroup::All, |k, n| self.near(k, n as f64 / divisor, fewest.min(n)))
     }
 
-    /// About `scale` times `shape`.
-    pub fn scaled(&self, shape: &[usize], scale: f64) -> Vec<usize> {
+    /// About `scale` times `shape` along the `axes` that are not merged.
+    pub fn scaled(&self, shape: &[usize], axes: AxisGroup, scale: f64) -> Vec<usize> {
         // Not a cell more where a product misses a whole number by round-off.
-        self.mapped(shape, |k, n| self.near(k, n as f64 * scale * (1.0 - 1e-12), 2))
+        self.mapped(shape, axes, |k, n| self.near(k, n as f64 * scale * (1.0 - 1e-12), 2))
     }
 
     /// About `scale` times `shape`, with the edges of `V` at nearly the same positions within cells
     /// as on `shape`: errors of edges on faces and of edges within cells fall differently.
     pub fn alike(&self, shape: &[usize], scale: f64) -> Vec<usize> {
-        self.mapped(shape, |k, n| {
+        self.mapped(shape, AxisGroup::All, |k, n| {
             let wanted = n as f64 * scale * (1.0 - 1e-12);
             if self.keeps(k, n) {
                 return self.near(k, wanted, 2);
@@ -326,7 +331,7 @@ impl Grids {
         let fewest = self.fewest[self.dimension() - 1];
         let enough = |k: usize| shape[k] >= fewest.min(self.axes[k].elements());
         free.all(|k| enough(k) && self.can_halve(k, shape[k]))
-            .then(|| self.mapped(shape, |_, n| n / 2))
+            .then(|| self.mapped(shape, AxisGroup::All, |_, n| n / 2))
     }
 
     /// `shape` with the space axes `ratio` times finer relative to the velocity axes; `ratio` is a
@@ -389,7 +394,7 @@ mod tests {
         // Faces at 0 and 0.5: multiples of 6.
         let grids = grids(&[0.0, 0.5]);
         assert_eq!(grids.coarsest(&[30, 31]), [18, 16]);
-        assert_eq!(grids.scaled(&[12, 8], 1.6), [18, 14]);
+        assert_eq!(grids.scaled(&[12, 8], AxisGroup::All, 1.6), [18, 14]);
         assert_eq!(grids.moved(&[16, 7]), [0]);
         assert!(grids.moved(&[18, 7]).is_empty());
         assert_eq!(grids.halved(&[12, 8]), Some(vec![6, 4]));
@@ -421,7 +426,7 @@ mod tests {
             }
         }
         let on_faces = grids(&[0.0, 0.5]);
-        assert_eq!(on_faces.alike(&[48, 64], 0.5), on_faces.scaled(&[48, 64], 0.5));
+        assert_eq!(on_faces.alike(&[48, 64], 0.5), on_faces.scaled(&[48, 64], AxisGroup::All, 0.5));
     }
 
     #[test]
@@ -432,9 +437,9 @@ mod tests {
         let grids = grids.with_merged(vec![false, true, false, true]);
         let shape = [32, 3, 16, 5];
         assert_eq!(grids.coarsest(&shape), [8, 3, 4, 5]);
-        assert_eq!(grids.scaled(&shape, 1.5), [48, 3, 24, 5]);
-        assert_eq!(grids.twice(&shape), [64, 3, 32, 5]);
-        assert_eq!(grids.doubled(&shape, false), [32, 3, 32, 5]);
+        assert_eq!(grids.scaled(&shape, AxisGroup::All, 1.5), [48, 3, 24, 5]);
+        assert_eq!(grids.doubled(&shape, AxisGroup::All), [64, 3, 32, 5]);
+        assert_eq!(grids.doubled(&shape, AxisGroup::Velocity), [32, 3, 32, 5]);
         assert_eq!(grids.halved(&shape), Some(vec![16, 3, 8, 5]));
         assert_eq!(grids.stretched(&shape, 2.0), [32, 3, 8, 5]);
     }

@@ -3,8 +3,7 @@
 use crate::base::error::Result;
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::trials::Trials;
-use crate::study::grids::Grids;
-use crate::study::grids::cells;
+use crate::study::grids::{AxisGroup, Grids, cells};
 use crate::study::order::{Order, OrderRange};
 use serde::Serialize;
 
@@ -190,9 +189,9 @@ impl ErrorSequence {
 pub fn next_grid(trials: &Trials<'_>, scheme: SchemeChoice, reached: &ReachedGrid) -> Vec<usize> {
     let grids = &trials.degree_case(scheme).grids;
     match reached.grids.last() {
-        Some(last) if trials.has_exact() => grids.twice(&last.shape),
-        Some(last) => grids.twice(&grids.twice(&last.shape)),
-        None => grids.twice(&reached.shape),
+        Some(last) if trials.has_exact() => grids.doubled(&last.shape, AxisGroup::All),
+        Some(last) => grids.doubled(&grids.doubled(&last.shape, AxisGroup::All), AxisGroup::All),
+        None => grids.doubled(&reached.shape, AxisGroup::All),
     }
 }
 
@@ -214,7 +213,7 @@ pub fn error_on(
     if let Some(error) = trials.error(scheme, shape)? {
         return Ok(Some(DensityError { error, known: Evidence::Measured }));
     }
-    let twice = trials.degree_case(scheme).grids.twice(shape);
+    let twice = trials.degree_case(scheme).grids.doubled(shape, AxisGroup::All);
     if !trials.affords(scheme, &twice, share)? {
         return Ok(None);
     }
@@ -261,7 +260,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// As [`Trials::run`].
     pub fn coarsest(mut self) -> Result<ReachedGrid> {
         let Goal { scheme, start, balance, share, .. } = self.goal;
-        let second = self.grids().twice(start);
+        let second = self.grids().doubled(start, AxisGroup::All);
         let part =
             if balance { self.part_of_space(&second, self.share(FOR_BALANCE))? } else { None };
         let first = match part {
@@ -349,7 +348,8 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// grids that are twice as fine along space alone, and along velocities alone. `None` if the
     /// budget does not hold these grids. Collective.
     fn part_of_space(&mut self, shape: &[usize], share: f64) -> Result<Option<f64>> {
-        let finer = [true, false].map(|of_space| self.grids().doubled(shape, of_space));
+        let finer =
+            [AxisGroup::Space, AxisGroup::Velocity].map(|axes| self.grids().doubled(shape, axes));
         for shape in &finer {
             if !self.trials.affords(self.goal.scheme, shape, share)? {
                 return Ok(None);
@@ -391,7 +391,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         while sequence.shapes.len() < MOST_LEVELS {
             let reached = sequence.grids().last().is_some_and(|grid| grid.error <= self.wanted);
             let last = sequence.shapes[sequence.shapes.len() - 1].clone();
-            let next = self.grids().twice(&last);
+            let next = self.grids().doubled(&last, AxisGroup::All);
             if next == last {
                 // Nothing varies along any axis.
                 if !sequence.exact {
@@ -445,7 +445,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         let slope = (coarse.error / fine.error).log2();
         let mut scale = (coarse.error / wanted).log2() / slope;
         for _ in 0..MOST_CANDIDATES {
-            let shape = self.grids().scaled(&coarse.shape, scale.exp2());
+            let shape = self.grids().scaled(&coarse.shape, AxisGroup::All, scale.exp2());
             if cells(&shape) >= cells(&fine.shape) {
                 break;
             }
@@ -464,7 +464,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     fn beyond(&mut self, finest: &MeasuredGrid, result: &mut ReachedGrid) -> Result<()> {
         let mut scale = result.order.refinement(finest.error, self.wanted);
         for _ in 0..MOST_CANDIDATES {
-            result.shape = self.grids().scaled(&finest.shape, scale);
+            result.shape = self.grids().scaled(&finest.shape, AxisGroup::All, scale);
             (result.error, result.known) = (self.wanted, Evidence::Extrapolated);
             let Some(found) = self.error_on(&result.shape, &result.order)? else { break };
             (result.error, result.known) = (found.error, found.known);
@@ -481,11 +481,15 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// Collective.
     fn trim(&mut self, result: &mut ReachedGrid) -> Result<()> {
         // The axes with the smaller part of the error first.
-        let space_first = result.part_of_space.is_some_and(|part| part < 0.5);
+        let order = if result.part_of_space.is_some_and(|part| part < 0.5) {
+            [AxisGroup::Space, AxisGroup::Velocity]
+        } else {
+            [AxisGroup::Velocity, AxisGroup::Space]
+        };
         for part in FEWER {
-            for of_space in [space_first, !space_first] {
+            for axes in order {
                 while result.known != Evidence::Extrapolated && result.error <= self.wanted {
-                    let shape = self.grids().fewer(&result.shape, of_space, part);
+                    let shape = self.grids().scaled(&result.shape, axes, part);
                     if cells(&shape) >= cells(&result.shape) {
                         break;
                     }

@@ -9,8 +9,7 @@ use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::setups::LeftOut;
 use crate::study::advise::{ROUND_OFF, Study};
 use crate::study::budget::{Budget, longer};
-use crate::study::grids::cells;
-use crate::study::grids::shape_text;
+use crate::study::grids::{AxisGroup, cells, shape_text};
 
 /// The largest number of budgets, as counted, that the run on the first grid may take. A budget
 /// counts about a third of what a core does ([`crate::study::budget`]).
@@ -43,7 +42,7 @@ impl Study<'_> {
         let (scheme, own) = (SchemeChoice::of(self.case), self.case.space.elements());
         let trials = &mut self.trials;
         if trials.is_cheap(scheme, &own, FOR_CASE)? {
-            let twice = trials.degree_case(scheme).grids.twice(&own);
+            let twice = trials.degree_case(scheme).grids.doubled(&own, AxisGroup::All);
             let known = match trials.error(scheme, &own) {
                 Ok(None) if trials.is_cheap(scheme, &twice, FOR_CASE)? => {
                     trials.run(scheme, &twice).map(|_| ())

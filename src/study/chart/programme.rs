@@ -7,7 +7,7 @@ use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
 use crate::study::chart::setup::{Modes, Setup};
 use crate::study::choices::{EXACT_PROPAGATORS, Flux, IMPLICIT_PROPAGATORS, PROFILES};
-use crate::study::grids::Grids;
+use crate::study::grids::{AxisGroup, Grids};
 use crate::study::treatment::Treatment;
 
 /// Factors by which the cells of an axis are divided on coarser grids, and multiplied on finer
@@ -95,7 +95,7 @@ impl Programme {
         let own = space.elements();
         let mut grids: Vec<PhaseSpace> = Vec::new();
         for factor in FACTORS.into_iter().rev() {
-            let shape = near.scaled(&own, 1.0 / factor as f64);
+            let shape = near.scaled(&own, AxisGroup::All, 1.0 / factor as f64);
             let fewer = |(n, own): (&usize, &usize)| *n <= *own && *n >= FEWEST.min(*own);
             let coarser = shape.iter().zip(&own).all(fewer) && shape != own;
             let space = space.with_elements(&shape);
@@ -124,7 +124,7 @@ impl Programme {
     pub fn with_degrees(mut self, cases: &[Case]) -> Self {
         for scale in OF_UNKNOWNS {
             for case in cases {
-                let shape = Grids::new(case).scaled(&case.space.elements(), scale);
+                let shape = Grids::new(case).scaled(&case.space.elements(), AxisGroup::All, scale);
                 let space = case.space.with_elements(&shape);
                 if !self.others.contains(&space) {
                     self.others.push(space);

@@ -22,8 +22,8 @@
 //! forces.
 //!
 //! A spike is narrow: at its top a fast target has a single slow source, at `ΔV = (ξ_j² − ξ_k²)/2`.
-//! Equally spaced heights miss it. So the tops are located by theory, which needs no matrix, and
-//! refined by golden section, and `λ⁺` is measured there.
+//! Equally spaced heights miss it. So `λ⁺` is measured at the tops that are highest by theory,
+//! which needs no matrix.
 
 use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
@@ -49,9 +49,10 @@ const CELLS: usize = 4096;
 const FROM: f64 = 0.05;
 const TO: f64 = 2.0;
 const HEIGHTS: usize = 64;
-/// Number of spikes that are measured, and of those that theory refines.
+/// The golden ratio, less one: the parts of its multiples behind the point are spread evenly.
+const GOLDEN: f64 = 0.618_033_988_749_894_8;
+/// Number of spikes that are measured.
 const SPIKES: usize = 3;
-const REFINED: usize = 12;
 /// Number of slowest sources whose spikes are located.
 const SLOWEST: usize = 2;
 
@@ -143,42 +144,9 @@ fn spikes(case: &Case, jumps: &[Vec<f64>]) -> Vec<f64> {
     }
     tops.sort_by(f64::total_cmp);
     tops.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
-    let width = |i: usize| {
-        let next = tops.get(i + 1).map_or(TO, |next| *next) - tops[i];
-        0.5 * next.min(tops[i] - i.checked_sub(1).map_or(FROM, |before| tops[before]))
-    };
-    let mut found: Vec<(f64, usize)> = (tops.iter().map(|f| by_theory(*f))).zip(0..).collect();
+    let mut found: Vec<(f64, f64)> = tops.into_iter().map(|top| (by_theory(top), top)).collect();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.truncate(REFINED);
-    let refined = |(most, i): (f64, usize)| {
-        let top = highest_in(tops[i] - width(i), tops[i] + width(i), by_theory);
-        if by_theory(top) > most { top } else { tops[i] }
-    };
-    let mut found: Vec<f64> = found.into_iter().map(refined).collect();
-    found.sort_by(|a, b| by_theory(*b).total_cmp(&by_theory(*a)));
-    found.truncate(SPIKES);
-    found
-}
-
-/// The maximum of `of` in `[low, high]` by golden section, if it has a single one there.
-fn highest_in(low: f64, high: f64, of: impl Fn(f64) -> f64) -> f64 {
-    const STEPS: usize = 40;
-    let golden = 0.5 * (5f64.sqrt() - 1.0);
-    let (mut low, mut high) = (low, high);
-    for _ in 0..STEPS {
-        let [left, right] = [high - golden * (high - low), low + golden * (high - low)];
-        if of(left) < of(right) { low = left } else { high = right }
-    }
-    0.5 * (low + high)
-}
-
-/// The numbers below `count`, in an order of which each beginning is spread evenly: by reversed
-/// bits.
-fn evenly_ordered(count: usize) -> impl Iterator<Item = usize> {
-    let bits = count.next_power_of_two().trailing_zeros();
-    (0..count.next_power_of_two())
-        .map(move |k| k.reverse_bits() >> (usize::BITS - bits).min(usize::BITS - 1))
-        .filter(move |k| *k < count)
+    found.into_iter().take(SPIKES).map(|(_, top)| top).collect()
 }
 
 /// Measures the panel. Collective.
@@ -213,12 +181,12 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     }
     let before = points.len();
     let located: Vec<f64> = points[1..].iter().map(|p| p.x).collect();
-    for k in evenly_ordered(HEIGHTS) {
+    for k in 0..HEIGHTS {
         if budget.is_over() {
             notes.push(format!("{} of {HEIGHTS} heights tried", points.len() - before));
             break;
         }
-        let part = k as f64 / (HEIGHTS - 1) as f64;
+        let part = (k as f64 * GOLDEN).fract();
         points.push(at(FROM + (TO - FROM) * part)?);
     }
     points.sort_by(|a, b| a.x.total_cmp(&b.x));
@@ -293,15 +261,5 @@ mod tests {
             let (exact, found) = (all.S()[2 * n - 1], face_growth(own, &[(half, lost)]));
             assert!((found - exact.max(0.0)).abs() < 1e-6, "{found} {exact}");
         }
-    }
-
-    #[test]
-    fn every_number_once_and_evenly() {
-        for count in [1, 2, 5, 64] {
-            let mut all: Vec<usize> = evenly_ordered(count).collect();
-            all.sort_unstable();
-            assert_eq!(all, (0..count).collect::<Vec<_>>());
-        }
-        assert_eq!(evenly_ordered(8).take(4).collect::<Vec<_>>(), [0, 4, 2, 6]);
     }
 }

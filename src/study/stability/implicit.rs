@@ -8,6 +8,7 @@ use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
 };
+use crate::study::stability::reading::plateau;
 use crate::study::trial::{plan_series, propagation};
 
 /// Largest number of cells: each step of each mode solves a system.
@@ -41,13 +42,10 @@ fn stalled(points: &[CurvePoint]) -> Option<usize> {
 
 /// The step at which `of` crosses `threshold`, on the line between its neighbours in logarithms.
 fn crossing(points: &[CurvePoint], threshold: f64, of: fn(&CurvePoint) -> f64) -> Option<f64> {
-    points.windows(2).find_map(|pair| {
-        let [a, b] = [of(&pair[0]), of(&pair[1])];
-        (a <= threshold && threshold < b).then(|| {
-            let part = (threshold / a).ln() / (b / a).ln();
-            (pair[0].x.ln() + part * (pair[1].x / pair[0].x).ln()).exp()
-        })
-    })
+    let logarithmic = |point: &CurvePoint| CurvePoint { x: point.x.ln(), ..*point };
+    let points: Vec<CurvePoint> = points.iter().map(logarithmic).collect();
+    let [_, rising] = plateau(&points, threshold, of);
+    rising.map(f64::exp)
 }
 
 /// The trials of one method.
