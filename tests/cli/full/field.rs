@@ -4,107 +4,139 @@
 use super::{ALL, POINTS, read_at, small, warped};
 use crate::dense::{self, System, evolve};
 use crate::support::{
-    Job, Stored, case, change_hdf5, check_all, datasets, datasets_of, differences, directory,
-    distance, of_case, on_results, stored_plan,
+    Job, Stored, Summary, case, change_hdf5, check_all, datasets, datasets_of, differences,
+    directory, distance, names_in, of_case, on_results, stored_plan,
 };
 use num_complex::Complex64;
 use phasewarp::plan::memory::program_file_bytes;
 use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A case whose full runs are compared with its streamed run.
+struct FullRun {
+    name: &'static str,
+    grid: &'static [&'static str],
+    settings: &'static [&'static str],
+    /// The fields of which the run writes warped ones.
+    fields: &'static [&'static str],
+    /// Ranks and `--ranks-x`.
+    meshes: &'static [(usize, &'static str)],
+}
+
+const LINE: &[&str] = &["axis.0.x.cells=15", "axis.0.v.cells=14"];
+const PLANE: &[&str] =
+    &["axis.0.x.cells=6", "axis.1.x.cells=5", "axis.0.v.cells=4", "axis.1.v.cells=5"];
+const ELEMENTS: &[&str] = &["axis.0.x.cells=6", "axis.0.v.cells=4", "axis.0.v.degree=3"];
+
+/// The first one on all meshes, the others on two of them. With split space, an implicit method
+/// uses a Krylov solver and has other bits.
+const FULL_RUNS: [FullRun; 8] = [
+    FullRun {
+        name: "inflow_barrier.toml",
+        grid: ELEMENTS,
+        settings: &["scheme.degree=2"],
+        fields: &["f"],
+        meshes: &[(1, "1"), (2, "1"), (3, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "partial_reflection.toml",
+        grid: ELEMENTS,
+        settings: &["scheme.degree=1", "output.field_times=[0.3]", "solver.tolerance=1e-4"],
+        fields: &["f", "f_0001"],
+        meshes: &[(1, "1"), (3, "1")],
+    },
+    FullRun {
+        name: "example1.toml",
+        grid: LINE,
+        settings: &["output.plateau={points=3}"],
+        fields: &["f"],
+        meshes: &[(2, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "example1.toml",
+        grid: LINE,
+        settings: &["output.moments_every=0.3", "output.field_times=[0.3, 0.7]"],
+        fields: &["f", "f_0001", "f_0002"],
+        meshes: &[(1, "1"), (3, "1")],
+    },
+    FullRun {
+        name: "inflow_barrier.toml",
+        grid: LINE,
+        settings: &[],
+        fields: &["f"],
+        meshes: &[(2, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "example3.toml",
+        grid: PLANE,
+        settings: &["output.field_times=[0.1]"],
+        fields: &["phi", "psi_x", "psi_y", "phi_0001", "psi_x_0001", "psi_y_0001"],
+        meshes: &[(1, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "example1.toml",
+        grid: LINE,
+        settings: &["solver.propagator.method=krylov"],
+        fields: &["f"],
+        meshes: &[(3, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "example1.toml",
+        grid: LINE,
+        settings: &[
+            "solver.propagator={method='crank-nicolson', step=0.05}",
+            "solver.tolerance=1e-3",
+            "output.field_times=[0.4]",
+        ],
+        fields: &["f", "f_0001"],
+        meshes: &[(2, "1"), (3, "1")],
+    },
+];
 
 /// A full run recovers the same bits as the streamed run on any ranks and mesh, also with several
 /// fields, inflow, output times, and propagators whose modes depend on the batch. Its files have
 /// the same bits on any ranks.
 #[test]
 fn full_runs_recover_what_streamed_ones_do() {
-    let line: &[&str] = &["axis.0.x.cells=15", "axis.0.v.cells=14"];
-    let plane: &[&str] =
-        &["axis.0.x.cells=6", "axis.1.x.cells=5", "axis.0.v.cells=4", "axis.1.v.cells=5"];
-    type Row =
-        (&'static str, &'static [&'static str], &'static [&'static str], &'static [&'static str]);
-    let elements: &[&str] = &["axis.0.x.cells=6", "axis.0.v.cells=4", "axis.0.v.degree=3"];
-    let rows: [Row; 8] = [
-        ("inflow_barrier.toml", elements, &["scheme.degree=2"], &["f"]),
-        (
-            "partial_reflection.toml",
-            elements,
-            &["scheme.degree=1", "output.field_times=[0.3]", "solver.tolerance=1e-4"],
-            &["f", "f_0001"],
-        ),
-        ("example1.toml", line, &["output.plateau={points=3}"], &["f"]),
-        (
-            "example1.toml",
-            line,
-            &["output.moments_every=0.3", "output.field_times=[0.3, 0.7]"],
-            &["f", "f_0001", "f_0002"],
-        ),
-        ("inflow_barrier.toml", line, &[], &["f"]),
-        (
-            "example3.toml",
-            plane,
-            &["output.field_times=[0.1]"],
-            &["phi", "psi_x", "psi_y", "phi_0001", "psi_x_0001", "psi_y_0001"],
-        ),
-        ("example1.toml", line, &["solver.propagator.method=krylov"], &["f"]),
-        (
-            "example1.toml",
-            line,
-            &[
-                "solver.propagator={method='crank-nicolson', step=0.05}",
-                "solver.tolerance=1e-3",
-                "output.field_times=[0.4]",
-            ],
-            &["f", "f_0001"],
-        ),
-    ];
-    // The first row on all meshes, the others on two of them.
-    const MESHES: [(usize, &str); 4] = [(1, "1"), (4, "2"), (2, "1"), (3, "1")];
-    let rows: Vec<(usize, &Row)> = rows.iter().enumerate().collect();
-    check_all(&rows, |(k, (name, grid, settings, files))| {
-        let job = (of_case("run", name).set(grid).set(settings)).set(&[ALL]);
+    check_all(&FULL_RUNS, |run| {
+        let job = of_case("run", run.name).set(run.grid).set(run.settings).set(&[ALL]);
         let streamed = directory();
-        let dropped = job.clone().solve(streamed.path())?;
+        let dropped = job.solve(streamed.path())?;
         let expected = datasets(streamed.path())?;
         dropped.require(dropped.value["points"].is_null(), || "points".to_owned())?;
         let mut first: Option<Vec<BTreeMap<String, Stored>>> = None;
-        // With split space, an implicit method uses a Krylov solver and has other bits.
-        let is_implicit = settings.iter().any(|setting| setting.contains("crank-nicolson"));
-        let meshes = match k {
-            0 => &MESHES[..],
-            _ if is_implicit => &MESHES[2..],
-            k if k % 2 == 0 => &MESHES[1..3],
-            _ => &[MESHES[0], MESHES[3]],
-        };
-        for &(ranks, blocks) in meshes {
+        for &(ranks, blocks) in run.meshes {
             let place = directory();
             let job = job.clone().with(["--mode", "full", "--ranks-x", blocks]);
             let summary = job.on(ranks).solve(place.path())?;
             let changed = differences(&datasets(place.path())?, &expected);
             summary.require(changed == ["/plan"], || format!("other {changed:?}"))?;
-            let found: Vec<BTreeMap<String, Stored>> = files
-                .iter()
-                .map(|file| datasets_of(&place.path().join(format!("warped_{file}.h5"))))
-                .collect::<Result<_, String>>()?;
-            let points = found[0]["/axis/p"].numbers().len();
-            let shape = &found[0]["/w"].shape;
-            summary.require(shape.last() == Some(&points), || format!("{shape:?}"))?;
-            let reported = summary.number("points")? as usize;
-            summary.require(reported == points, || format!("{reported} and {points} points"))?;
-            let written = std::fs::read_dir(place.path()).map_err(|e| e.to_string())?;
-            let names = written.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-            let number = names.filter(|name| name.starts_with("warped_")).count();
-            summary.require(number == files.len(), || format!("{number} files"))?;
-            match &first {
-                None => first = Some(found),
-                Some(first) => {
-                    for (a, b) in first.iter().zip(&found) {
-                        let changed = differences(a, b);
-                        summary.require(changed.is_empty(), || format!("other {changed:?}"))?;
-                    }
-                }
+            let found = warped_fields(&summary, place.path(), run.fields)?;
+            for (a, b) in first.get_or_insert_with(|| found.clone()).iter().zip(&found) {
+                let changed = differences(a, b);
+                summary.require(changed.is_empty(), || format!("other {changed:?}"))?;
             }
         }
         Ok(())
     });
+}
+
+/// The warped fields of a run. There are no others, and they have the points of the summary.
+fn warped_fields(
+    summary: &Summary,
+    place: &Path,
+    fields: &[&str],
+) -> Result<Vec<BTreeMap<String, Stored>>, String> {
+    let files = fields.iter().map(|field| place.join(format!("warped_{field}.h5")));
+    let found: Vec<_> = files.map(|file| datasets_of(&file)).collect::<Result<_, _>>()?;
+    let points = found[0]["/axis/p"].numbers().len();
+    let shape = &found[0]["/w"].shape;
+    summary.require(shape.last() == Some(&points), || format!("{shape:?}"))?;
+    let reported = summary.number("points")? as usize;
+    summary.require(reported == points, || format!("{reported} and {points} points"))?;
+    let number = names_in(place).iter().filter(|name| name.starts_with("warped_")).count();
+    summary.require(number == fields.len(), || format!("{number} files"))?;
+    Ok(found)
 }
 
 /// The field that is read at p◇ and the plateau equal `e^p w` at the points of the file, also at an
