@@ -19,12 +19,21 @@ const PLANE_MESHES: &[Mesh] = &[(3, "1,3"), (3, "3,1"), (4, "1,2"), (4, "2,1"), 
 /// Meshes of three axes.
 const SPACE_MESHES: &[Mesh] = &[(3, "1,1,3"), (4, "1,2,1"), (4, "2,1,2")];
 
-/// A run that is repeated on the meshes, and datasets that it must have.
+/// A run until 0.7 that is repeated on the meshes, and datasets that it must have.
 struct Scene {
     name: &'static str,
-    settings: &'static [&'static str],
     meshes: &'static [Mesh],
     datasets: &'static [&'static str],
+    settings: &'static [&'static str],
+}
+
+const fn scene(
+    name: &'static str,
+    meshes: &'static [Mesh],
+    datasets: &'static [&'static str],
+    settings: &'static [&'static str],
+) -> Scene {
+    Scene { name, meshes, datasets, settings }
 }
 
 const LINE: &[&str] = &[
@@ -58,7 +67,7 @@ const MEASURE_PLANE: &[&str] = &[
 /// Compares the results of each scene with those on one rank.
 fn same_bits(scenes: &[Scene]) {
     check_all(scenes, |scene| {
-        let job = || run(scene.name).set(scene.settings);
+        let job = || run(scene.name).set(&["time.end=0.7"]).set(scene.settings);
         let place = directory();
         let alone = job().solve(place.path())?;
         let reference = datasets(place.path())?;
@@ -117,86 +126,75 @@ fn a_slightly_changed_time_changes_the_bits() {
 #[test]
 fn same_bits_on_a_line() {
     same_bits(&[
-        Scene {
-            name: "inflow_barrier.toml",
-            settings: &["axis.0.x.cells=37", "axis.0.v.cells=29", "time.end=0.7"],
-            meshes: LINE_MESHES,
-            datasets: LINE,
-        },
+        scene(
+            "inflow_barrier.toml",
+            LINE_MESHES,
+            LINE,
+            &["axis.0.x.cells=37", "axis.0.v.cells=29"],
+        ),
         // A common auxiliary unknown.
-        Scene {
-            name: "inflow_barrier.toml",
-            settings: &[
-                "axis.0.x.cells=35", "axis.0.v.cells=27", "time.end=0.7",
-                "solver.warp.inflow=scalar",
-            ],
-            meshes: BLOCKS,
-            datasets: LINE,
-        },
+        scene(
+            "inflow_barrier.toml",
+            BLOCKS,
+            LINE,
+            &["axis.0.x.cells=35", "axis.0.v.cells=27", "solver.warp.inflow=scalar"],
+        ),
         // Inflow that varies.
-        Scene {
-            name: "pulsed_inflow.toml",
-            settings: &[
-                "axis.0.x.cells=33", "axis.0.v.cells=23", "time.end=0.7", "solver.tolerance=1e-4",
+        scene(
+            "pulsed_inflow.toml",
+            GROUPS,
+            LINE,
+            &[
+                "axis.0.x.cells=33", "axis.0.v.cells=23", "solver.tolerance=1e-4",
                 "solver.warp.inflow=full",
             ],
-            meshes: GROUPS,
-            datasets: LINE,
-        },
+        ),
         // Shifted weights.
-        Scene {
-            name: "well.toml",
-            settings: &["axis.0.x.cells=39", "axis.0.v.cells=31", "time.end=0.7"],
-            meshes: BLOCKS,
-            datasets: LINE,
-        },
-        Scene {
-            name: "slope_jump.toml",
-            settings: &[
+        scene("well.toml", BLOCKS, LINE, &["axis.0.x.cells=39", "axis.0.v.cells=31"]),
+        scene(
+            "slope_jump.toml",
+            GROUPS,
+            LINE,
+            &[
                 "axis.0.x.cells=41",
                 "axis.0.v.cells=27",
-                "time.end=0.7",
                 "scheme.interface=conservative",
                 "solver.tolerance=1e-9",
             ],
-            meshes: GROUPS,
-            datasets: LINE,
-        },
+        ),
     ]);
 }
 
 #[test]
 fn same_bits_of_readings_and_profiles() {
     same_bits(&[
-        Scene {
-            name: "example1.toml",
-            settings: &[
+        scene(
+            "example1.toml",
+            GROUPS,
+            &["/f", "/plateau/distance", "/plateau/norm", "/plateau/p"],
+            &[
                 "axis.0.x.cells=23",
                 "axis.0.v.cells=17",
-                "time.end=0.7",
                 "solver.tolerance=1e-4",
                 "solver.warp.profile=smooth",
                 "solver.warp.coefficients=sampled",
                 "solver.warp.recovery_method=least-squares",
                 "output.plateau.points=3",
             ],
-            meshes: GROUPS,
-            datasets: &["/f", "/plateau/distance", "/plateau/norm", "/plateau/p"],
-        },
-        Scene {
-            name: "inflow_barrier.toml",
-            settings: &[
+        ),
+        scene(
+            "inflow_barrier.toml",
+            GROUPS,
+            &["/f", "/plan", "/history/f"],
+            &[
                 "axis.0.x.cells=23",
                 "axis.0.v.cells=17",
-                "time.end=0.7",
                 "solver.tolerance=1e-4",
                 "solver.warp.profile=exponential",
                 "solver.warp.alpha=-1 + 0.05*p^2 if p > -8 else -p/8",
                 "output.field_times=[0.3]",
             ],
-            meshes: GROUPS,
-            datasets: &["/f", "/plan", "/history/f"],
-        },
+        ),
     ]);
 }
 
@@ -204,88 +202,67 @@ fn same_bits_of_readings_and_profiles() {
 fn same_bits_at_output_times() {
     const EARLY: &[&str] = &["/f", "/history/density", "/history/momentum", "/history/mass"];
     same_bits(&[
-        Scene {
-            name: "inflow_barrier.toml",
-            settings: &[
+        scene(
+            "inflow_barrier.toml",
+            BLOCKS,
+            &[
+                "/f", "/history/f", "/history/density", "/history/density_exact",
+                "/history/velocity_exact", "/history/mass", "/axis/time",
+            ],
+            &[
                 "axis.0.x.cells=23",
                 "axis.0.v.cells=17",
-                "time.end=0.7",
                 "solver.tolerance=1e-4",
                 "output.moments_every=0.2",
                 "output.field_times=[0.3, 0.4]",
                 "output.chunks=[5, 6]",
             ],
-            meshes: BLOCKS,
-            datasets: &[
-                "/f", "/history/f", "/history/density", "/history/density_exact",
-                "/history/velocity_exact", "/history/mass", "/axis/time",
-            ],
-        },
+        ),
         // Moments at times within a series, of cells and of elements with inflow.
-        Scene {
-            name: "example1.toml",
-            settings: &[
-                "axis.0.x.cells=33", "axis.0.v.cells=24", "time.end=0.7", "solver.tolerance=1e-5",
+        scene(
+            "example1.toml",
+            GROUPS,
+            EARLY,
+            &[
+                "axis.0.x.cells=33", "axis.0.v.cells=24", "solver.tolerance=1e-5",
                 "output.moments_every=0.04",
             ],
-            meshes: GROUPS,
-            datasets: EARLY,
-        },
-        Scene {
-            name: "inflow_barrier.toml",
-            settings: &[
-                "scheme.degree=2", "axis.0.x.cells=9", "axis.0.v.cells=6", "time.end=0.7",
-                "solver.tolerance=1e-5", "output.moments_every=0.04",
+        ),
+        scene(
+            "inflow_barrier.toml",
+            BLOCKS,
+            EARLY,
+            &[
+                "scheme.degree=2", "axis.0.x.cells=9", "axis.0.v.cells=6", "solver.tolerance=1e-5",
+                "output.moments_every=0.04",
             ],
-            meshes: BLOCKS,
-            datasets: EARLY,
-        },
+        ),
     ]);
 }
 
 #[test]
 fn same_bits_in_the_plane_and_in_space() {
     same_bits(&[
-        Scene {
-            name: "barrier2d.toml",
-            settings: &["axis.0.x.cells=13", "axis.1.x.cells=7", "time.end=0.7"],
-            meshes: PLANE_MESHES,
-            datasets: PLANE,
-        },
+        scene("barrier2d.toml", PLANE_MESHES, PLANE, &["axis.0.x.cells=13", "axis.1.x.cells=7"]),
         // Ranks do not split periodic axes.
-        Scene {
-            name: "periodic2d.toml",
-            settings: &["axis.0.x.cells=13", "axis.1.x.cells=5", "time.end=0.7"],
-            meshes: &[(4, "2,1")],
-            datasets: PLANE,
-        },
-        Scene {
-            name: "step3d.toml",
-            settings: &["axis.0.v.cells=7", "time.end=0.7", "inflow.value=initial"],
-            meshes: SPACE_MESHES,
-            datasets: SPACE,
-        },
+        scene("periodic2d.toml", &[(4, "2,1")], PLANE, &["axis.0.x.cells=13", "axis.1.x.cells=5"]),
+        scene("step3d.toml", SPACE_MESHES, SPACE, &["axis.0.v.cells=7", "inflow.value=initial"]),
     ]);
 }
 
 #[test]
 fn same_bits_with_measure_valued_data() {
     same_bits(&[
-        Scene {
-            name: "example2.toml",
-            settings: &["axis.0.x.cells=38", "axis.0.v.cells=27", "time.end=0.7"],
-            meshes: GROUPS,
-            datasets: MEASURE_LINE,
-        },
-        Scene {
-            name: "example3.toml",
-            settings: &[
-                "axis.0.x.cells=4", "axis.0.v.cells=5", "time.end=0.7", "solver.tolerance=1e-3",
+        scene("example2.toml", GROUPS, MEASURE_LINE, &["axis.0.x.cells=38", "axis.0.v.cells=27"]),
+        scene(
+            "example3.toml",
+            &[(3, "3,1"), (4, "1,2")],
+            MEASURE_PLANE,
+            &[
+                "axis.0.x.cells=4", "axis.0.v.cells=5", "solver.tolerance=1e-3",
                 "output.delta_width=gradient",
             ],
-            meshes: &[(3, "3,1"), (4, "1,2")],
-            datasets: MEASURE_PLANE,
-        },
+        ),
     ]);
 }
 
@@ -293,55 +270,50 @@ fn same_bits_with_measure_valued_data() {
 #[test]
 fn same_bits_with_the_classical_method() {
     same_bits(&[
-        Scene {
-            name: "inflow_barrier.toml",
-            settings: &[
-                "axis.0.x.cells=37", "axis.0.v.cells=29", "time.end=0.7", "solver.method=classical",
-            ],
-            meshes: GROUPS,
-            datasets: LINE,
-        },
-        Scene {
-            name: "slope_jump.toml",
-            settings: &[
+        scene(
+            "inflow_barrier.toml",
+            GROUPS,
+            LINE,
+            &["axis.0.x.cells=37", "axis.0.v.cells=29", "solver.method=classical"],
+        ),
+        scene(
+            "slope_jump.toml",
+            BLOCKS,
+            LINE,
+            &[
                 "axis.0.x.cells=37",
                 "axis.0.v.cells=29",
-                "time.end=0.7",
                 "inflow.value='1 + x*v'",
                 "solver.method=classical",
                 "solver.classical.integrator=ssp-rk3",
                 "scheme.limiter=van-leer",
             ],
-            meshes: BLOCKS,
-            datasets: LINE,
-        },
-        Scene {
-            name: "barrier2d.toml",
-            settings: &[
+        ),
+        scene(
+            "barrier2d.toml",
+            &[(3, "1,3"), (4, "2,2")],
+            PLANE,
+            &[
                 "axis.0.x.cells=13",
                 "axis.1.x.cells=7",
-                "time.end=0.7",
                 "potential.0.value='0.2 + 0.1*x - 0.1*y'",
                 "solver.method=classical",
                 "solver.classical.integrator=forward-euler",
                 "scheme.limiter=minmod",
             ],
-            meshes: &[(3, "1,3"), (4, "2,2")],
-            datasets: PLANE,
-        },
-        Scene {
-            name: "periodic2d.toml",
-            settings: &[
+        ),
+        scene(
+            "periodic2d.toml",
+            &[(3, "1,3")],
+            PLANE,
+            &[
                 "axis.0.x.boundary=periodic",
                 "axis.1.x={lower=-0.5,upper=0.5,cells=6}",
-                "time.end=0.7",
                 "solver.method=classical",
                 "solver.classical.integrator=ssp-rk3",
                 "scheme.limiter=van-leer",
             ],
-            meshes: &[(3, "1,3")],
-            datasets: PLANE,
-        },
+        ),
     ]);
 }
 
@@ -350,65 +322,57 @@ fn same_bits_with_the_classical_method() {
 #[test]
 fn same_bits_of_elements() {
     same_bits(&[
-        Scene {
-            name: "inflow_barrier.toml",
-            settings: &[
+        scene(
+            "inflow_barrier.toml",
+            &[(3, "3"), (4, "2")],
+            LINE,
+            &[
                 "axis.0.x.cells=11",
                 "axis.0.v={lower=-1.2,upper=1.2,cells=6,degree=3}",
                 "scheme.degree=2",
-                "time.end=0.7",
                 "solver.tolerance=1e-4",
             ],
-            meshes: &[(3, "3"), (4, "2")],
-            datasets: LINE,
-        },
-        Scene {
-            name: "partial_reflection.toml",
-            settings: &[
-                "axis.0.x.cells=22", "axis.0.v.cells=14", "scheme.degree=0", "time.end=0.7",
-            ],
-            meshes: BLOCKS,
-            datasets: LINE,
-        },
-        Scene {
-            name: "slope_jump.toml",
-            settings: &[
-                "scheme.degree=3", "axis.0.x.cells=10", "axis.0.v.cells=6", "time.end=0.7",
-                "solver.tolerance=1e-4",
-            ],
-            meshes: GROUPS,
-            datasets: LINE,
-        },
-        Scene {
-            name: "quadrant2d.toml",
-            settings: &[
+        ),
+        scene(
+            "partial_reflection.toml",
+            BLOCKS,
+            LINE,
+            &["axis.0.x.cells=22", "axis.0.v.cells=14", "scheme.degree=0"],
+        ),
+        scene(
+            "slope_jump.toml",
+            GROUPS,
+            LINE,
+            &["scheme.degree=3", "axis.0.x.cells=10", "axis.0.v.cells=6", "solver.tolerance=1e-4"],
+        ),
+        scene(
+            "quadrant2d.toml",
+            &[(3, "3,1"), (4, "1,2")],
+            PLANE,
+            &[
                 "axis.0.x.cells=5",
                 "axis.1.x={lower=-1.0,upper=1.0,cells=4,degree=2}",
                 "axis.0.v.cells=2",
                 "scheme.degree=1",
-                "time.end=0.7",
                 "solver.tolerance=1e-3",
                 "axis.1.v={lower=-1.5,upper=1.5,cells=4,degree=0}",
             ],
-            meshes: &[(3, "3,1"), (4, "1,2")],
-            datasets: PLANE,
-        },
-        Scene {
-            name: "quadrant2d.toml",
-            settings: &[
+        ),
+        scene(
+            "quadrant2d.toml",
+            &[(4, "2,2")],
+            PLANE,
+            &[
                 "axis.0.x.cells=5",
                 "axis.1.x={lower=-1.0,upper=1.0,cells=4,degree=2}",
                 "axis.0.v.cells=2",
                 "scheme.degree=1",
-                "time.end=0.7",
                 "solver.tolerance=1e-3",
                 "axis.1.v={lower=-1.5,upper=1.5,cells=4,degree=2}",
                 "potential.0.value=0.2 + 0.1*x - 0.05*y",
                 "potential.1.value=0.1*x + 0.05*y",
             ],
-            meshes: &[(4, "2,2")],
-            datasets: PLANE,
-        },
+        ),
     ]);
 }
 
@@ -417,25 +381,25 @@ fn same_bits_of_elements() {
 #[test]
 fn same_bits_of_elements_with_a_central_flux() {
     same_bits(&[
-        Scene {
-            name: "step_up.toml",
-            settings: &[
+        scene(
+            "step_up.toml",
+            GROUPS,
+            &["/f", "/density"],
+            &[
                 "axis.0.x.cells=12", "axis.0.v.cells=6", "scheme.degree=3", "scheme.flux=0",
                 "time.end=0.4", "solver.tolerance=1e-3",
             ],
-            meshes: GROUPS,
-            datasets: &["/f", "/density"],
-        },
-        Scene {
-            name: "barrier2d.toml",
-            settings: &[
+        ),
+        scene(
+            "barrier2d.toml",
+            &[(3, "3,1"), (4, "1,4")],
+            &["/f", "/density"],
+            &[
                 "axis.0.x.cells=6", "axis.1.x.cells=5", "axis.0.v.cells=4", "axis.1.v.cells=2",
                 "scheme.degree=1", "scheme.flux=0", "time.end=0.3", "solver.tolerance=1e-2",
                 "exact={}",
             ],
-            meshes: &[(3, "3,1"), (4, "1,4")],
-            datasets: &["/f", "/density"],
-        },
+        ),
     ]);
 }
 
