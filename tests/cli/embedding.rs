@@ -24,7 +24,7 @@ fn tolerances_are_met_with_every_embedding() {
     check_all(&rows, |(k, ([name, x, v], settings))| {
         let mut set = vec![*x, *v, "solver.verify=true", "solver.tolerance=1e-5"];
         set.extend(settings.iter().map(String::as_str).filter(|s| !s.is_empty()));
-        // Every embedding and one shift have one run on two ranks.
+        // Every embedding has runs on two ranks.
         let ranks = if k % 3 == 0 { 2 } else { 1 };
         meets_its_tolerance(&run(name).on(ranks).set(&set).summary()?)
     });

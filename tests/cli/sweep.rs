@@ -117,7 +117,8 @@ fn values_can_be_arrays_and_formulas() {
 /// A refused case has a row with its message, and the other cases are run.
 #[test]
 fn a_refused_case_has_a_row() {
-    check_all(&[2], |&ranks| {
+    let ranks = 2;
+    let check = || -> Result<(), String> {
         let place = directory();
         let job = sweep(place.path(), &["solver.tolerance=5,1e-2", "time.end=0.1"]);
         let finished = job.clone().on(ranks).run()?;
@@ -135,7 +136,8 @@ fn a_refused_case_has_a_row() {
         finished.contains(&tex, &["% --set solver.tolerance=5"])?;
         // With `--index`, it is refused like a run.
         job.with(["--index", "1"]).on(ranks).is_refused(&["solver.tolerance", "5"])
-    });
+    };
+    check().unwrap();
 }
 
 /// A run that misses its tolerance counts as failed with `solver.strict`, also if it was finished
