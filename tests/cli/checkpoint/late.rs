@@ -69,8 +69,8 @@ fn ended_well(finished: &Finished, path: &Path) -> Result<()> {
 fn signals_while_the_error_is_measured_change_nothing() {
     let [modes, measured] = WHOLE.1;
     // Halves the time in which the error is measured: a signal that comes while the modes are
-    // solved ends the run with a checkpoint, one that comes later meets the results. While results
-    // are written, below, there is one handler of all signals, too.
+    // solved ends the run with a checkpoint, one that comes later meets the results. All signals
+    // have the same handler.
     let all = (0.3 * modes, 3.0 * measured);
     let (mut low, mut high) = all;
     let mut middle = 0.5 * (modes + measured);

@@ -394,10 +394,10 @@ fn goes_on_in_stage(
         ranks.map(|(ranks, blocks)| job.clone().on(ranks).with(["--ranks-x", blocks]));
     let whole = directory();
     let expected = job.clone().solve(whole.path())?;
-    // On a busy machine a run may end before this process sees the stage.
+    // A busy machine would keep this process from seeing the stage before the run ends.
     let before = before.set(&[OFTEN]).undisturbed();
     let mut cut = directory();
-    // Then an earlier stage is tried.
+    // If that happens, an earlier stage is tried.
     for missed in 0.. {
         let path = cut.path();
         let finished = with_fault(&before.clone().into(path), Fault::Signal, |_| {
