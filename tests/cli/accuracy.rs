@@ -58,13 +58,20 @@ fn estimate_rows() -> Vec<EstimateRow> {
     let grids = [(0, [32, 64]), (1, [16, 32]), (2, [12, 24]), (3, [8, 24])];
     for (degree, counts) in grids {
         let bounds = if degree == 0 { &OF_CELLS } else { &OF_ELEMENTS };
-        for name in ["smooth-beams.toml", "partial_reflection.toml", "example1.toml"] {
-            rows.extend(counts.map(|count| (name, elements(degree, count).to_vec(), bounds)));
+        // One of the two grids, by turn.
+        let names = ["smooth-beams.toml", "partial_reflection.toml", "example1.toml"];
+        for (k, name) in names.into_iter().enumerate() {
+            let settings = elements(degree, counts[(k + degree) % 2]);
+            rows.push((name, settings.to_vec(), bounds));
         }
-        for name in ["step_up.toml", "well.toml", "inflow_barrier.toml", "slope_jump.toml"] {
+        // Two of the degrees, by turn.
+        let names = ["step_up.toml", "well.toml", "inflow_barrier.toml", "slope_jump.toml"];
+        for name in names.into_iter().skip(degree % 2).step_by(2) {
             rows.push((name, elements(degree, [48, 24, 16, 12][degree]).to_vec(), bounds));
         }
-        rows.push(("quadrant2d.toml", plane(degree, [8, 4, 4, 2][degree]), bounds));
+        if degree % 2 == 0 {
+            rows.push(("quadrant2d.toml", plane(degree, [8, 4, 4, 2][degree]), bounds));
+        }
     }
     for name in ["smooth-beams.toml", "example1.toml", "step_up.toml", "slope_jump.toml"] {
         for limiter in ["minmod", "van-leer"] {
@@ -182,7 +189,7 @@ v = { lower = -2.5, upper = 2.5, cells = 50 }
         std::fs::write(&file, format!("{exact}{case}")).map_err(|e| e.to_string())?;
         let job = Job::new(["run", &file.display().to_string(), "--accuracy", "1e-1"]);
         let out = place.path().join("out");
-        let finished = job.on(2).into(&out).succeed()?;
+        let finished = job.into(&out).succeed()?;
         let found = datasets(&out)?;
         // Averages over elements; of degree 0 over cells.
         let density = found.get("/averages/density").unwrap_or(&found["/density"]).numbers();
@@ -524,12 +531,11 @@ fn long_classical_steps_are_not_the_grids_error() {
     finished.contains(&finished.output, &words).unwrap();
 }
 
-/// The summary and the output of a run of the case `file` on two ranks, whose results are below
-/// `place`.
+/// The summary and the output of a run of the case `file`, whose results are below `place`.
 fn solved(place: &Path, file: &str, settings: &[&str]) -> (Value, Finished) {
     let results = place.join("results");
-    let job = Job::new(["run", file, "--force"]).set(settings).into(&results).on(2);
-    let finished = job.succeed().unwrap();
+    let finished =
+        Job::new(["run", file, "--force"]).set(settings).into(&results).succeed().unwrap();
     (json_of(results.join("summary.json")).unwrap(), finished)
 }
 
@@ -541,9 +547,8 @@ fn exact_densities_see_filaments() {
     let place = directory();
     let file = written(place.path(), HIDDEN).unwrap();
     let of = |settings: &[&str]| solved(place.path(), &file, settings).0;
-    let long = ["time.end=600", "scheme.degree=1"];
-    for settings in [&["time.end=60"][..], &["time.end=60", "scheme.degree=0"], &long] {
-        let summary = of(settings);
+    for settings in [["time.end=60", "scheme.degree=1"], ["time.end=300", "scheme.degree=0"]] {
+        let summary = of(&settings);
         let [exact, error] =
             ["mass_exact", "exact_density_error"].map(|key| summary[key].as_f64().unwrap());
         let off = (exact / summary["ledger"]["mass"]["formula"].as_f64().unwrap() - 1.0).abs();
@@ -556,7 +561,7 @@ fn exact_densities_see_filaments() {
     }
 }
 
-/// Five turns in a harmonic well, which give the initial data again.
+/// Two turns in a harmonic well, which give the initial data again.
 const TURNS: &str = r#"
 [[axis]]
 x = { lower = -2, upper = 2, cells = 9 }
@@ -566,7 +571,7 @@ value = "0.5*x^2"
 [initial]
 f = "exp(-10*(x-0.8)^2 - 10*v^2)"
 [time]
-end = "10*pi"
+end = "4*pi"
 [scheme]
 degree = 6
 [solver]
@@ -593,7 +598,8 @@ fn errors_of_the_exact_solution_are_told_from_those_of_the_grid() {
     let grid = accuracy(&alone, "grid").unwrap();
     assert!((0.3..3.0).contains(&(grid / own)), "{grid} {own}");
     let quartic = "potential=[{value='0.5*x^2 + 0.1*x^4'}]";
-    let (quartic, finished) = of(&["exact.kind=characteristics", quartic]);
+    let settings = ["exact.kind=characteristics", "time.end=2*pi", quartic];
+    let (quartic, finished) = of(&settings);
     let [measured, estimate] =
         ["error_l2_relative", "exact_field_error"].map(|key| number(&quartic, key));
     assert!(0.0 < estimate && estimate < 0.1 * measured, "{estimate} {measured}");
@@ -609,8 +615,8 @@ fn particles_show_errors_that_no_estimate_sees() {
         let place = directory();
         let file = written(place.path(), text)?;
         let results = place.path().join("results");
-        let job = || Job::new(["run", &file, "--force"]).set(settings).into(&results).on(2);
-        let finished = job().succeed()?;
+        let job = || Job::new(["run", &file, "--force"]).set(settings).into(&results);
+        let finished = job().on(2).succeed()?;
         finished
             .contains(finished.output.lines().last().unwrap_or_default(), &["UNDER-RESOLVED"])?;
         // The line comes again with --resume.
@@ -688,7 +694,7 @@ fn densities_of_smeared_fields_have_large_estimates() {
     let file = written(place.path(), valley).unwrap();
     check_all(&["scheme.degree=2", "scheme.degree=3"], |degree| {
         let results = directory();
-        let job = Job::new(["run", &file, "--force"]).set(&[CLASSICAL, degree]).on(2);
+        let job = Job::new(["run", &file, "--force"]).set(&[CLASSICAL, degree]);
         let without = job.clone().set(&["exact={}"]).solve(results.path())?;
         let summary = job.solve(results.path())?;
         let error = summary.number("error_density_l2_relative")?;
@@ -740,23 +746,22 @@ fn words(settings: &[String]) -> Vec<&str> {
 /// Errors and estimates are sums over the ranks, with the same bits on any number of ranks.
 #[test]
 fn errors_of_the_grid_are_the_same_on_any_ranks() {
-    let rows = [
-        ("smooth-beams.toml", elements(2, 10).to_vec()),
-        ("smooth-beams.toml", elements(0, 26).to_vec()),
+    let rows: [(&str, Vec<String>, &[(usize, &str)]); 4] = [
+        ("smooth-beams.toml", elements(2, 10).to_vec(), &[(2, "1"), (3, "3")]),
+        ("smooth-beams.toml", elements(0, 26).to_vec(), &[(4, "2")]),
         // Degree 0 along x takes the flux across the faces of blocks.
         (
             "smooth-beams.toml",
             [vec!["axis.0.x.degree=0".to_owned()], elements(2, 10).to_vec()].concat(),
+            &[(3, "3")],
         ),
-        ("quadrant2d.toml", plane(1, 2)),
+        ("quadrant2d.toml", plane(1, 2), &[(4, "1,2")]),
     ];
-    check_all(&rows, |(name, settings)| {
+    check_all(&rows, |(name, settings, meshes)| {
         let settings: Vec<&str> = settings.iter().map(String::as_str).collect();
         let job = |ranks: usize| run(name).set(&settings).on(ranks);
         let expected = job(1).summary()?;
-        for (ranks, blocks) in [(2, "1"), (3, "3"), (4, "2")] {
-            let blocks = if *name == "quadrant2d.toml" { "1,2" } else { blocks };
-            let ranks = if *name == "quadrant2d.toml" { 2 * (ranks / 2) } else { ranks };
+        for &(ranks, blocks) in *meshes {
             let found = job(ranks).with(["--ranks-x", blocks]).summary()?;
             for key in ["accuracy", "error_l1", "error_density_l2_relative", "mass"] {
                 let (a, b) = (&found.value[key], &expected.value[key]);
@@ -839,7 +844,7 @@ fn partial_reflection_by_modes_has_the_exact_density() {
     let grid = elements(3, 26);
     let grid: Vec<&str> = grid.iter().map(String::as_str).collect();
     let solve = |settings: &[&str]| {
-        let job = run(REFLECTING).set(&grid).set(settings).on(3).summary();
+        let job = run(REFLECTING).set(&grid).set(settings).summary();
         job.unwrap()
     };
     let summary = solve(&["solver.verify=true", "solver.tolerance=1e-5"]);
@@ -894,12 +899,9 @@ fn reflected_parts_outside_of_0_and_1_are_refused() {
         let setting = format!("potential.0.reflection={formula}");
         let wording =
             ["potential.0.reflection", &setting, wording, "jump = 0.2", "between 0 and 1"];
-        for ranks in [1, 2] {
-            let place = directory();
-            let job = run(REFLECTING).set(&[&setting]).on(ranks).into(place.path());
-            job.is_refused(&wording)?;
-        }
-        Ok(())
+        let place = directory();
+        let ranks = if formula.contains("sqrt") { 2 } else { 1 };
+        run(REFLECTING).set(&[&setting]).on(ranks).into(place.path()).is_refused(&wording)
     });
 }
 
@@ -911,38 +913,36 @@ fn a_missed_tolerance_is_reported_in_the_last_line() {
     let long = "solver.propagator={method='crank-nicolson',step=0.05}";
     let [strict, verify] = ["solver.strict=true", "solver.verify=true"];
     let missed = ["tolerance 1e-6 MISSED: ", "(measured, relative l2)"];
-    for ranks in [1, 3] {
-        let place = directory();
-        let job = |settings: &[&str]| {
-            let job = run("example1.toml").set(&small).set(settings).on(ranks);
-            job.into(place.path()).with(["--force"]).run().unwrap()
-        };
-        let finished = job(&[long, verify]);
-        let last = finished.output.lines().last().unwrap_or_default();
-        assert_eq!(finished.code, Some(0), "{}", finished.report("a run"));
-        finished.contains(last, &missed).unwrap();
-        finished.contains(&job(&[long]).output, &["MISSED", "(estimated, relative l2)"]).unwrap();
-        let refused = job(&[long, verify, strict]);
-        refused.ended(1, &[missed[0], "solver.strict"]).unwrap();
-        assert!(place.path().join("summary.json").is_file(), "results are kept");
-        // With --resume, the finished run ends with the same error.
-        let again = run("example1.toml").set(&small).set(&[long, verify, strict]).on(ranks);
-        let again = again.into(place.path()).with(["--resume"]).run().unwrap();
-        again.ended(1, &[missed[0], "solver.strict"]).unwrap();
-        assert!(again.output.contains("the run is finished"), "{}", again.report("resumed"));
-        // An estimate that is only rough counts where it is far above the tolerance.
-        let euler = "solver.propagator={method='backward-euler',step=0.2}";
-        let rough = job(&[euler, strict]);
-        rough.ended(1, &[missed[0], "(roughly estimated, relative l2)", "solver.strict"]).unwrap();
-        // This one is 27 times the tolerance, of so few modes that it is not called reliable.
-        let few = "solver.propagator={method='crank-nicolson',step=0.15}";
-        let rough = job(&[few, strict, "time.end=0.3", "solver.tolerance=1e-3"]);
-        rough
-            .ended(1, &["tolerance 1e-3 MISSED: ", "(roughly estimated", "lower this part"])
-            .unwrap();
-        let met = job(&[verify, strict]);
-        assert!(met.code == Some(0) && !met.output.contains("MISSED"), "{}", met.report("met"));
-    }
+    let place = directory();
+    let job = |settings: &[&str], ranks: usize| {
+        let job = run("example1.toml").set(&small).set(settings).on(ranks);
+        job.into(place.path()).with(["--force"]).run().unwrap()
+    };
+    let finished = job(&[long, verify], 3);
+    let last = finished.output.lines().last().unwrap_or_default();
+    assert_eq!(finished.code, Some(0), "{}", finished.report("a run"));
+    finished.contains(last, &missed).unwrap();
+    let estimated = ["MISSED", "(estimated, relative l2)"];
+    finished.contains(&job(&[long], 1).output, &estimated).unwrap();
+    let refused = job(&[long, verify, strict], 3);
+    refused.ended(1, &[missed[0], "solver.strict"]).unwrap();
+    assert!(place.path().join("summary.json").is_file(), "results are kept");
+    // With --resume, the finished run ends with the same error.
+    let again = run("example1.toml").set(&small).set(&[long, verify, strict]);
+    let again = again.into(place.path()).with(["--resume"]).run().unwrap();
+    again.ended(1, &[missed[0], "solver.strict"]).unwrap();
+    assert!(again.output.contains("the run is finished"), "{}", again.report("resumed"));
+    // An estimate that is only rough counts where it is far above the tolerance.
+    let euler = "solver.propagator={method='backward-euler',step=0.2}";
+    let rough = job(&[euler, strict], 3);
+    rough.ended(1, &[missed[0], "(roughly estimated, relative l2)", "solver.strict"]).unwrap();
+    // This one is 27 times the tolerance, of so few modes that it is not called reliable.
+    let few = "solver.propagator={method='crank-nicolson',step=0.15}";
+    let rough = job(&[few, strict, "time.end=0.3", "solver.tolerance=1e-3"], 1);
+    let wording = ["tolerance 1e-3 MISSED: ", "(roughly estimated", "lower this part"];
+    rough.ended(1, &wording).unwrap();
+    let met = job(&[verify, strict], 1);
+    assert!(met.code == Some(0) && !met.output.contains("MISSED"), "{}", met.report("met"));
 }
 
 /// A cloud at an oblique mirror.
@@ -978,8 +978,7 @@ fn nothing_is_shown_by_a_staircase() {
     let place = directory();
     let file = written(place.path(), MIRROR).unwrap();
     let results = place.path().join("results");
-    let on =
-        |settings: &[&str]| Job::new(["run", &file, "--force"]).set(settings).into(&results).on(2);
+    let on = |settings: &[&str]| Job::new(["run", &file, "--force"]).set(settings).into(&results);
     let sentence = "an edge of V is not along the axes";
     for exact in [&[][..], &["exact={}"]] {
         let finished = on(exact).succeed().unwrap();

@@ -107,11 +107,12 @@ fn every_case_has_a_chart_within_its_budget() {
     let both = AtomicUsize::new(0);
     check_all(&all, |(k, name)| {
         let place = directory();
-        let found = chart(name, shrunk(name), (1 + k % 4, BUDGET), place.path())?;
+        let ranks = [1, 2, 1, 3][k % 4];
+        let found = chart(name, shrunk(name), (ranks, BUDGET), place.path())?;
         entries(&found).iter().try_for_each(complete).map_err(|e| format!("{name}: {e}"))?;
         // On more ranks than cores, the time that ranks wait for each other is unknown.
         let took = found["took_seconds"].as_f64().unwrap_or(f64::INFINITY);
-        if k % 4 == 0 && took > 3.0 * BUDGET + LATE {
+        if ranks == 1 && took > 3.0 * BUDGET + LATE {
             return Err(format!("{name}: {took} s of {BUDGET} s"));
         }
         let done = |method: &str| {
@@ -288,11 +289,7 @@ fn invalid_charts_are_refused() {
             "initial.warped",
         ),
     ];
-    check_all(&rows, |(job, word)| {
-        for ranks in [1, 3] {
-            let job = job.clone().on(ranks).inside(place.path());
-            job.run()?.ended(2, &[word])?;
-        }
-        Ok(())
-    });
+    check_all(&rows, |(job, word)| job.clone().inside(place.path()).run()?.ended(2, &[word]));
+    let (job, word) = &rows[0];
+    job.clone().on(3).inside(place.path()).run().and_then(|f| f.ended(2, &[word])).unwrap();
 }

@@ -171,14 +171,20 @@ fn column(gates: &[Gate], system: usize, start: usize) -> Result<Vec<(usize, Com
                 let (sin, cos) = (0.5 * angle).sin_cos();
                 let matrix =
                     if name == "h" { [[r, r], [r, -r]] } else { [[cos, -sin], [sin, cos]] };
-                let mut sums: HashMap<u128, Complex64> = HashMap::new();
-                for (state, amplitude) in terms {
-                    for (row, after) in [(0, state & !target), (1, state | target)] {
-                        let from = usize::from(state & target != 0);
-                        *sums.entry(after).or_default() += matrix[row][from] * amplitude;
+                let mut parts = Vec::with_capacity(2 * terms.len());
+                for (state, amplitude) in terms.drain(..) {
+                    let from = usize::from(state & target != 0);
+                    parts.push((state & !target, matrix[0][from] * amplitude));
+                    parts.push((state | target, matrix[1][from] * amplitude));
+                }
+                parts.sort_unstable_by_key(|part| part.0);
+                for (state, part) in parts {
+                    match terms.last_mut() {
+                        Some(last) if last.0 == state => last.1 += part,
+                        _ => terms.push((state, part)),
                     }
                 }
-                terms = sums.into_iter().filter(|t| t.1.norm() > 1e-17).collect();
+                terms.retain(|term| term.1.norm() > 1e-17);
             }
             _ => return Err(format!("gate {name}")),
         }
@@ -344,7 +350,7 @@ fn rounded_jumps_change_the_matrix_by_no_more_than_the_bound() {
     let settings = [BARRIERS, &["axis.0.v.cells=24"]].concat();
     // 28.8, 57.6 and 86.4 levels.
     let mut before = f64::INFINITY;
-    for bins in ["0", "2", "5"] {
+    for bins in ["0", "2", "4"] {
         let place = directory();
         let job = export("export-circuit", "barriers.toml", &settings, place.path());
         job.with(["--sub-bins", bins, "--wavenumber", "1", "--check", "600"]).succeed().unwrap();
@@ -425,10 +431,12 @@ fn cases_without_a_circuit_are_refused() {
         ("unitary_advection.toml", &[], &["scheme.degree", "degree 0"]),
         ("barrier2d.toml", &[FLAT], &["vx has 9 cells", "even"]),
     ];
-    check_all(rows, |(name, settings, wording)| {
+    let rows: Vec<_> = rows.iter().enumerate().collect();
+    check_all(&rows, |&(k, (name, settings, wording))| {
         let place = directory();
         let new = place.path().join("new");
-        export("export-circuit", name, settings, &new).on(2).is_refused(wording)?;
+        let ranks = if k == 0 { 2 } else { 1 };
+        export("export-circuit", name, settings, &new).on(ranks).is_refused(wording)?;
         if new.exists() { Err(format!("{} was made", new.display())) } else { Ok(()) }
     });
 }

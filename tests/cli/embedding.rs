@@ -20,10 +20,13 @@ fn tolerances_are_met_with_every_embedding() {
             rows.push((grid, vec![format!("solver.warp.shift={shift}")]));
         }
     }
-    check_all(&rows, |([name, x, v], settings)| {
+    let rows: Vec<_> = rows.into_iter().enumerate().collect();
+    check_all(&rows, |(k, ([name, x, v], settings))| {
         let mut set = vec![*x, *v, "solver.verify=true", "solver.tolerance=1e-5"];
         set.extend(settings.iter().map(String::as_str).filter(|s| !s.is_empty()));
-        meets_its_tolerance(&run(name).on(2).set(&set).summary()?)
+        // Every embedding has runs on two ranks.
+        let ranks = if k % 3 == 0 { 2 } else { 1 };
+        meets_its_tolerance(&run(name).on(ranks).set(&set).summary()?)
     });
 }
 
@@ -50,7 +53,7 @@ fn inflows_that_no_embedding_can_treat_are_refused() {
     ];
     check_all(rows, |(name, settings, wording)| {
         let place = directory();
-        refused(&run(name).on(2).set(settings).into(place.path()).run()?, wording)
+        refused(&run(name).set(settings).into(place.path()).run()?, wording)
     });
     let grid = ["axis.0.x.cells=16", "axis.0.v.cells=16", "solver.warp.delta=2"];
     let summary = run("example1.toml").set(&grid).summary().unwrap();

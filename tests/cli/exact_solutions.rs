@@ -52,7 +52,7 @@ fn slopes_gain_on_example_1() {
     ];
     check_all(&rows, |&(interface, limiter, expected, by)| {
         for (cells, expected) in [64, 128].into_iter().zip(expected) {
-            let job = run("example1.toml").on(2).set(&SLOPES).set(&[
+            let job = run("example1.toml").set(&SLOPES).set(&[
                 &format!("axis.0.x.cells={cells}"),
                 &format!("axis.0.v.cells={cells}"),
                 &format!("scheme.interface={interface}"),
@@ -66,7 +66,7 @@ fn slopes_gain_on_example_1() {
 }
 
 /// For monotone data, which have no extrema, the order is 2 with slopes and 1 without: for
-/// transport alone, with a force, and in the plane.
+/// transport alone, with a force, and in the plane, with two of three methods each.
 #[test]
 fn slopes_are_of_second_order() {
     // S rises from 0 to 1, so that the data are 0 at the ends where particles enter: the lower ends
@@ -114,9 +114,11 @@ fn slopes_are_of_second_order() {
         ("force", &force, axes_force, 0.5),
         ("plane", &plane, axes_plane, 0.6),
     ];
+    // Each of the three twice.
     let mut rows = Vec::new();
-    for scene in &scenes {
-        for (limiter, order) in [("none", 1.0), ("minmod", 2.0), ("van-leer", 2.0)] {
+    let methods = [("none", 1.0), ("minmod", 2.0), ("van-leer", 2.0)];
+    for (k, scene) in scenes.iter().enumerate() {
+        for (limiter, order) in [methods[k], methods[(k + 1) % 3]] {
             rows.push((scene, limiter, order));
         }
     }
@@ -151,9 +153,10 @@ fn slopes_keep_the_bounds() {
     // A time-dependent inflow does not support slopes.
     let names = finite_volumes().into_iter().filter(|name| name != "pulsed_inflow.toml");
     for (n, name) in names.enumerate() {
-        for (m, (limiter, integrator)) in methods.into_iter().enumerate() {
-            // The interfaces alternate, so that each method is tested with both.
-            rows.push((name.clone(), limiter, integrator, INTERFACES[(n + m) % 2]));
+        // Two of the methods, one with each interface.
+        for (m, interface) in INTERFACES.into_iter().enumerate() {
+            let (limiter, integrator) = methods[(n + m) % 3];
+            rows.push((name.clone(), limiter, integrator, interface));
         }
     }
     check_all(&rows, |(name, limiter, integrator, interface)| {
@@ -162,6 +165,7 @@ fn slopes_keep_the_bounds() {
             .set(&[
                 "solver.method=classical",
                 "solver.classical.cfl=1",
+                "exact={}",
                 &format!("solver.classical.integrator={integrator}"),
                 &format!("scheme.limiter={limiter}"),
                 &format!("scheme.interface={interface}"),
@@ -222,7 +226,7 @@ fn the_lens_refracts_its_beam() {
 #[test]
 fn conservative_interface_keeps_the_mass() {
     let change = |settings: &[&str]| -> Result<f64, String> {
-        let summary = run("well.toml").on(2).set(&["time.end=0.2"]).set(settings).summary()?;
+        let summary = run("well.toml").set(&["time.end=0.2"]).set(settings).summary()?;
         let (after, before) = (summary.number("mass")?, summary.number("mass_initial")?);
         summary.require(before > 0.1, || format!("mass_initial {before}"))?;
         Ok((after / before - 1.0).abs())
@@ -257,7 +261,7 @@ fn exact_densities_are_averages_over_cells_with_a_front() {
         let place = directory();
         let path = place.path().join("case.toml");
         std::fs::write(&path, TEXT).expect("a case");
-        let job = Job::new(["run", &path.display().to_string()]).on(2);
+        let job = Job::new(["run", &path.display().to_string()]);
         let job = job.set(&[&format!("axis.0.x.cells={cells}"), &format!("time.end={time}")]);
         let results = place.path().join("results");
         let summary = job.solve(&results).unwrap();
@@ -300,13 +304,13 @@ fn what_enters_is_evaluated_outside_of_the_box() {
         ("0.7 if x > 1.25 else 0", "0.7 if x >= 1.25 else 0", "0"),
         ("0.7 if v > 1 else 0", "0.7 if v >= 1 else 0", "0.4*x"),
     ];
-    let rows: Vec<_> = ends.iter().flat_map(|end| [0, 1, 3].map(|degree| (end, degree))).collect();
+    let rows = [(&ends[0], 0), (&ends[0], 3), (&ends[1], 1), (&ends[2], 0), (&ends[2], 3)];
     check_all(&rows, |&(&(outside, at_end, potential), degree)| {
         let place = directory();
         let path = written(place.path(), TEXT)?;
-        let solve = |inflow: &str, name: &str| -> Result<_, String> {
+        let solve = |inflow: &str, name: &str, ranks: usize| -> Result<_, String> {
             let results = place.path().join(name);
-            let job = Job::new(["run", &path]).on(2);
+            let job = Job::new(["run", &path]).on(ranks);
             let set = [
                 format!("inflow.value='{inflow}'"),
                 format!("potential.0.value={potential}"),
@@ -323,7 +327,7 @@ fn what_enters_is_evaluated_outside_of_the_box() {
             summary.require(error < 0.3, || format!("error_l1 {error}"))?;
             Ok((fields, entered))
         };
-        if solve(outside, "outside")? == solve(at_end, "at-end")? {
+        if solve(outside, "outside", 2)? == solve(at_end, "at-end", 1)? {
             Ok(())
         } else {
             Err(format!("{outside}: another result than of {at_end}"))

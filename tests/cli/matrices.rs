@@ -102,6 +102,6 @@ fn cases_that_matrices_do_not_describe_are_refused() {
         let place = directory();
         let path = place.path().display().to_string();
         let job = Job::new(["export-matrix", &case("example1.toml"), "-o", &path]);
-        job.set(GRID).set(settings).on(2).is_refused(&[wording])
+        job.set(GRID).set(settings).is_refused(&[wording])
     });
 }

@@ -63,8 +63,9 @@ fn runs_take_the_planned_memory() {
         "axis.0.x.cells=3", "axis.1.x.cells=3", "axis.2.x.cells=3", "axis.0.v.cells=4",
         "axis.1.v.cells=4", "axis.2.v.cells=4", "scheme.degree=1", "time.end=0.002",
     ];
-    let pulse =
-        ["inflow.value='exp(-20*(t - 0.2)^2)'", "solver.warp.inflow=full", "solver.tolerance=0.01"];
+    // Neither the inflow nor the exact density is to take long.
+    let rising =
+        ["inflow.value='1 + t'", "solver.warp.inflow=full", "solver.tolerance=0.01", "exact={}"];
     let small = ["axis.0.x.cells=128", "axis.0.v.cells=128", "time.end=0.05"];
     let tiny = ["axis.0.x.cells=64", "axis.0.v.cells=64"];
     let end = "exact.moments=end";
@@ -87,22 +88,18 @@ fn runs_take_the_planned_memory() {
         ("slope_jump.toml", &grid, &["solver.propagator.method=krylov"], 1, CLOSE),
         ("example3.toml", &plane, &[], 2, CLOSE),
         ("step3d.toml", &space, &["solver.reduce=false"], 1, CLOSE),
-        ("step3d.toml", &element_space, &pulse, 1, CLOSE),
+        ("step3d.toml", &element_space, &rising, 1, CLOSE),
         ("example1.toml", &elements, &quick, 1, CLOSE),
         ("inflow_barrier.toml", &elements, &quick, 1, CLOSE),
         ("example1.toml", &high_degree, &well, 1, CLOSE),
-        ("barrier2d.toml", &high_degree_plane, &slope, 1, CLOSE),
         ("barrier2d.toml", &high_degree_plane, &slope, 2, CLOSE),
         ("barrier2d.toml", &element_plane, &[], 1, CLOSE),
-        ("barrier2d.toml", &element_plane, &[bowl], 1, CLOSE),
         ("barrier2d.toml", &element_plane, &[bowl, "inflow.value='initial'"], 2, CLOSE),
-        ("example1.toml", &strip, &entering, 1, CLOSE),
         ("example1.toml", &strip, &entering, 2, CLOSE),
         ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2, CLOSE),
         ("example1.toml", &small, &chunks, 1, CLOSE),
-        ("example1.toml", &small, &chunks, 2, CLOSE),
         ("example1.toml", &small, &chunks, 4, CLOSE),
-        ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, CLOSE),
+        ("example1.toml", &grid, &["output.moments_every=0.0004"], 1, CLOSE),
         // The numbers of a time are few here, and what describes them is most of a file.
         ("example1.toml", &tiny, &["output.moments_every=0.001", "exact={}"], 1, CLOSE),
         ("step3d.toml", &[], &["output.moments_every=0.0005", end], 1, CLOSE),

@@ -19,9 +19,7 @@ fn results_before_the_end_equal_those_of_shorter_runs() {
         ["axis.0.x.cells=10", "axis.0.v.cells=6", "scheme.degree=2", "axis.0.v.degree=3"];
     let rows = [
         ("smooth-beams.toml", &elements[..], &modes[..], 0.36),
-        ("inflow_barrier.toml", &elements, &modes, 0.1),
         ("partial_reflection.toml", &elements, &classical, 0.36),
-        ("example1.toml", &grid, &modes, 0.36),
         ("example1.toml", &grid, &classical, 0.36),
         ("inflow_barrier.toml", &grid, &modes, 0.1),
         ("example3.toml", &measure, &modes, 0.1),
@@ -34,7 +32,7 @@ fn results_before_the_end_equal_those_of_shorter_runs() {
         let job = run(name).set(grid).set(method).set(&["solver.verify=true"]);
         let summary = job.clone().set(&[&at, &every]).on(3).solve(long.path())?;
         let end = format!("time.end={time}");
-        job.set(&[&end]).on(2).solve(short.path())?;
+        job.set(&[&end]).solve(short.path())?;
         let (long, short) = (datasets(long.path())?, datasets(short.path())?);
         let times = long["/axis/time"].numbers();
         let place = times.iter().position(|t| (t - time).abs() < 1e-12);
@@ -116,13 +114,13 @@ fn fields_agree(job: &Job, time: f64, ranks: usize) -> Result<bool, String> {
 /// start may be among the output times.
 #[test]
 fn the_error_is_that_of_fields_at_their_own_times() {
-    let at: [&[&str]; 3] = [
-        &["output.fields_every=0.25"],
-        &["output.field_times=[0]"],
-        &["output.moment_times=[0]", "output.field_times=[0.3]"],
+    let (modes, classical) = ("solver.tolerance=1e-6", "solver.method=classical");
+    let rows: [(&[&str], &str); 4] = [
+        (&["output.fields_every=0.25"], modes),
+        (&["output.fields_every=0.25"], classical),
+        (&["output.field_times=[0]"], classical),
+        (&["output.moment_times=[0]", "output.field_times=[0.3]"], modes),
     ];
-    let methods = ["solver.tolerance=1e-6", "solver.method=classical"];
-    let rows: Vec<_> = at.iter().flat_map(|at| methods.map(|method| (*at, method))).collect();
     check_all(&rows, |(at, method)| {
         let (first, second) = (directory(), directory());
         let grid = ["axis.0.x.cells=23", "axis.0.v.cells=18", "solver.verify=true", method];
@@ -150,7 +148,7 @@ fn exact_moments_before_the_end_can_be_left_out() {
     check_all(&rows, |(name, settings)| {
         let (all, end) = (directory(), directory());
         let job = run(name).set(settings).set(&["output.moment_times=[0.02, 0.05]"]);
-        let with = job.clone().on(2).solve(all.path())?;
+        let with = job.clone().solve(all.path())?;
         let without = job.set(&["exact.moments=end"]).on(2).solve(end.path())?;
         let (more, less) = (datasets(all.path())?, datasets(end.path())?);
         let exact = |name: &String| name.contains("history/") && name.ends_with("_exact");
@@ -183,7 +181,7 @@ fn exact_moments_are_integrals_over_the_velocities() {
         let (with, without) = (directory(), directory());
         let job = run("example1.toml").set(settings);
         let times = "output.moment_times=[0, 0.5]";
-        job.clone().set(&[times]).on(3).solve(with.path()).unwrap();
+        job.clone().set(&[times]).on(2).solve(with.path()).unwrap();
         job.solve(without.path()).unwrap();
         let (with, without) = (datasets(with.path()).unwrap(), datasets(without.path()).unwrap());
         for name in ["/density_exact", "/momentum_exact", "/velocity_exact"] {
@@ -227,8 +225,8 @@ fn moments_without_fields_equal_those_of_fields() {
     let (alone, with) = (directory(), directory());
     let job = run("barrier2d.toml")
         .set(&["axis.0.x.cells=9", "axis.1.v.cells=7", "solver.tolerance=1e-8"]);
-    job.clone().set(&["output.moment_times=[0.1, 0.2]"]).on(2).solve(alone.path()).unwrap();
-    job.set(&["output.field_times=[0.1, 0.2]"]).on(3).solve(with.path()).unwrap();
+    job.clone().set(&["output.moment_times=[0.1, 0.2]"]).solve(alone.path()).unwrap();
+    job.set(&["output.field_times=[0.1, 0.2]"]).on(2).solve(with.path()).unwrap();
     let (alone, with) = (datasets(alone.path()).unwrap(), datasets(with.path()).unwrap());
     assert!(!alone.contains_key("/history/f") && with.contains_key("/history/f"));
     for name in ["density", "momentum", "mass", "kinetic_energy"] {
@@ -248,8 +246,7 @@ fn moments_without_fields_equal_those_of_fields() {
 #[test]
 fn moments_at_many_times_need_few_more_applications() {
     let rows = [
-        ("example1.toml", &["solver.tolerance=1e-6"][..], 20, 1.05),
-        ("example1.toml", &["solver.tolerance=1e-9"], 100, 1.05),
+        ("example1.toml", &["solver.tolerance=1e-9"][..], 100, 1.05),
         ("inflow_barrier.toml", &[], 100, 1.3),
         ("barrier2d.toml", &["axis.0.x.cells=9", "axis.1.v.cells=7"], 20, 1.05),
         (
@@ -260,17 +257,17 @@ fn moments_at_many_times_need_few_more_applications() {
         ),
     ];
     check_all(&rows, |&(name, settings, times, most)| {
-        let (one, many, legs) = (directory(), directory(), directory());
-        let job = run(name).set(settings).set(&["time.end=0.5"]);
+        let (many, legs) = (directory(), directory());
+        let job = run(name).set(settings).set(&["time.end=0.5", "exact={}"]);
         let every = format!("output.moments_every={}", 0.5 / f64::from(times));
-        let first = job.clone().on(2).solve(one.path())?;
-        let summary = job.clone().set(&[&every]).on(3).solve(many.path())?;
+        let first = job.summary()?;
+        let summary = job.clone().set(&[&every]).on(2).solve(many.path())?;
         let [few, all] = [&first, &summary].map(|summary| summary.number("matvecs"));
         let (few, all) = (few?, all?);
         summary.require(all <= most * few, || format!("{all} applications, {few}"))?;
         // A field at each of two times in the middle: three legs.
         let fields = "output.field_times=[0.2, 0.3]";
-        job.set(&[&every, fields]).on(1).solve(legs.path())?;
+        job.set(&[&every, fields]).solve(legs.path())?;
         let (many, legs) = (datasets(many.path())?, datasets(legs.path())?);
         ["density", "momentum", "mass", "kinetic_energy"].iter().try_for_each(|dataset| {
             let name = format!("/history/{dataset}");
@@ -295,7 +292,7 @@ fn the_output_at_time_0_is_the_initial_data() {
     ];
     check_all(&rows, |(settings, times, with_fields)| {
         let place = directory();
-        let job = run("example1.toml").set(&grid).set(&[&data, &exact]).set(settings).on(3);
+        let job = run("example1.toml").set(&grid).set(&[&data, &exact]).set(settings).on(2);
         let summary = job.solve(place.path())?;
         let stored = datasets(place.path())?;
         let near_all = |name: &str, expected: &[f64]| {

@@ -17,22 +17,22 @@ fn with_profile(job: Job, profile: &str) -> Job {
     }
 }
 
-/// Every profile with every reading meets its tolerance on two of four cases, one of them with
-/// sampled coefficients: steps, trapped particles, inflow, and two dimensions. Every profile is
-/// tested on every case.
+/// Every profile with every reading meets its tolerance: on steps, trapped particles, inflow, and in
+/// two dimensions, with analytic and sampled coefficients. A row has one reading for each case, so
+/// that pairs of profile, reading, case and kind of coefficients occur, not all products.
 #[test]
 fn every_profile_and_reading_meets_its_tolerance() {
-    const PROFILES: [(&str, &[&str]); 10] = [
-        ("planned", &["1e-3", "1e-8"]),
-        ("designed", &["1e-2", "1e-6"]),
-        ("gaussian", &["1e-3", "1e-8"]),
-        ("exponential", &["1e-2"]),
-        ("exponential/1 + 4*(1 - exp(p))", &["1e-2"]),
-        ("exponential/5 if p < -1 else 2", &["3e-2"]),
-        ("exponential/-1 + 0.02*p^2", &["1e-3", "1e-5"]),
-        ("smooth", &["1e-3", "1e-5"]),
-        ("low-somma", &["1e-3", "1e-8"]),
-        ("acl", &["1e-2"]),
+    const PROFILES: [(&str, [&str; 2]); 10] = [
+        ("planned", ["1e-3", "1e-8"]),
+        ("designed", ["1e-2", "1e-6"]),
+        ("gaussian", ["1e-3", "1e-8"]),
+        ("exponential", ["1e-2"; 2]),
+        ("exponential/1 + 4*(1 - exp(p))", ["1e-2"; 2]),
+        ("exponential/5 if p < -1 else 2", ["3e-2"; 2]),
+        ("exponential/-1 + 0.02*p^2", ["1e-3", "1e-5"]),
+        ("smooth", ["1e-3", "1e-5"]),
+        ("low-somma", ["1e-3", "1e-8"]),
+        ("acl", ["1e-2"; 2]),
     ];
     const CASES: [(&str, &[&str]); 4] = [
         ("example1.toml", &["axis.0.x.cells=24", "axis.0.v.cells=22"]),
@@ -44,18 +44,16 @@ fn every_profile_and_reading_meets_its_tolerance() {
         ),
     ];
     let mut rows = Vec::new();
-    let pairs = PROFILES.iter().flat_map(|(profile, all)| all.iter().map(move |t| (*profile, *t)));
-    for (p, (profile, tolerance)) in pairs.enumerate() {
-        for (m, method) in ["point", "integral", "least-squares"].into_iter().enumerate() {
-            for half in 0..2 {
-                let (case, size) = CASES[2 * half + (p + m) % 2];
-                // A designed series is no function of which samples can be taken.
-                let coefficients = match profile {
-                    "designed" => "analytic",
-                    _ => ["analytic", "sampled"][(half + p) % 2],
-                };
-                rows.push((case, size, profile, tolerance, method, coefficients));
-            }
+    for (p, (profile, tolerances)) in PROFILES.into_iter().enumerate() {
+        for (c, (case, size)) in CASES.into_iter().enumerate() {
+            let method = ["point", "integral", "least-squares"][(p + c) % 3];
+            let tolerance = tolerances[(c / 2 + c) % 2];
+            // A designed series is no function of which samples can be taken.
+            let coefficients = match profile {
+                "designed" => "analytic",
+                _ => ["analytic", "sampled"][(p + c / 2) % 2],
+            };
+            rows.push((case, size, profile, tolerance, method, coefficients));
         }
     }
     check_all(&rows, |(case, size, profile, tolerance, method, coefficients)| {
@@ -154,8 +152,7 @@ fn short_intervals_are_refused_with_a_sufficient_one() {
         let named = finished.errors.split("about ").nth(1);
         let ends = named.and_then(|text| text.split(';').next());
         let ends = ends.ok_or_else(|| finished.report("no ends named"))?;
-        let summary = job(ends).on(2).solve(place.path())?;
-        meets_its_tolerance_within(&summary, 10.0)
+        meets_its_tolerance_within(&job(ends).summary()?, 10.0)
     });
 }
 
@@ -247,7 +244,7 @@ fn the_plan_holds_the_profile() {
     });
 }
 
-/// Every profile with every propagator, and with shifts up and down, meets its tolerance, or a
+/// Profiles with propagators, and with shifts up and down, meet their tolerances, or a
 /// warning says that the error of the time step is above it.
 #[test]
 fn profiles_meet_tolerances_with_propagators_and_shifts() {
@@ -261,20 +258,20 @@ fn profiles_meet_tolerances_with_propagators_and_shifts() {
         ("exponential/-1 + 0.02*p^2", "1e-3"),
         ("acl", "3e-2"),
     ];
+    // Three of six for each profile.
+    let settings: [&[&str]; 6] = [
+        &["solver.propagator.method=krylov"],
+        &["solver.propagator.method=crank-nicolson", "solver.propagator.step=0.01"],
+        &["solver.warp.shift=2"],
+        &["solver.propagator.method=backward-euler", "solver.propagator.step=0.01"],
+        &["solver.warp.shift=-3"],
+        &["solver.warp.shift=-8"],
+    ];
     let mut rows = Vec::new();
     for (k, (profile, tolerance)) in profiles.into_iter().enumerate() {
-        for more in [
-            ["solver.propagator.method=krylov", ""],
-            ["solver.propagator.method=crank-nicolson", "solver.propagator.step=0.01"],
-            ["solver.propagator.method=backward-euler", "solver.propagator.step=0.01"],
-            ["solver.warp.shift=2", ""],
-            [["solver.warp.shift=-3", "solver.warp.shift=-8"][k % 2], ""],
-        ] {
-            rows.push((profile, tolerance, more));
-        }
+        rows.extend([0, 1, 3].map(|j| (profile, tolerance, settings[(k + j) % 6])));
     }
     check_all(&rows, |(profile, tolerance, more)| {
-        let set: Vec<&str> = more.iter().copied().filter(|s| !s.is_empty()).collect();
         let job = run("slope_jump.toml").set(&[
             "axis.0.x.cells=12",
             "axis.0.v.cells=11",
@@ -283,12 +280,12 @@ fn profiles_meet_tolerances_with_propagators_and_shifts() {
             "solver.verify=true",
             &format!("solver.tolerance={tolerance}"),
         ]);
-        let summary = with_profile(job, profile).set(&set).summary()?;
+        let summary = with_profile(job, profile).set(more).summary()?;
         let (error, tolerance) =
             (summary.number("error_semidiscrete")?, summary.number("tolerance")?);
         let reliable = summary.boolean("error_estimate_reliable")?;
         let warned = summary.warnings();
-        let implicit = set.len() > 1;
+        let implicit = more.len() > 1;
         let met = error <= tolerance || implicit && (warned.contains("step") || !reliable);
         summary.require(met, || format!("error {error:e}, reliable {reliable}: {warned}"))?;
         let estimate = summary.number("error_estimate")?;
@@ -317,16 +314,16 @@ fn alpha_can_be_a_formula() {
         (number("modes"), number("applications"), warp.clone())
     };
     let (modes, applications, constant) = planned("1.5");
-    for alpha in ["3*k", "1 + k", "\"1.5\"", "1.50"] {
+    for alpha in ["3*k", "\"1.5\""] {
         assert_eq!(planned(alpha).2, constant, "{alpha}");
     }
     let (close, _, warp) = planned("3*k + 0*p");
     assert!((close / modes - 1.0).abs() < 0.02, "{close} {modes}");
     assert_eq!(warp["profile"]["alpha"], "3*k + 0*p");
-    for alpha in ["0.3", "0.5", "0.7", "1"] {
+    let (_, smooth, _) = planned("-1 + 0.01*p^2");
+    for alpha in ["0.3", "1"] {
         let (_, constant, _) = planned(alpha);
         assert!(constant < applications, "{alpha}: {constant}");
-        let (_, smooth, _) = planned("-1 + 0.01*p^2");
         assert!(100.0 * smooth < constant, "{alpha}: {constant}, {smooth}");
     }
 }

@@ -2,8 +2,8 @@
 
 use crate::random_cases::{Choices, check_scenes};
 use crate::support::{
-    Finished, Job, Mistake, Summary, all_refused, case, check_all, datasets, differences,
-    directory, distance, field, of_case, require, text_of,
+    Finished, Job, Mistake, Summary, all_refused, check_all, datasets, differences, directory,
+    distance, field, of_case, plan, require, text_of,
 };
 use std::path::Path;
 
@@ -99,18 +99,18 @@ const ROWS: &[Row] = &[
         3,
     ),
     ("well.toml", &["axis.0.x.cells=24", "axis.0.v.cells=31"], 2),
-    ("barriers.toml", &["axis.0.x.cells=30", "axis.0.v.cells=41", "time.end=1.2"], 4),
-    ("inflow_barrier.toml", &["axis.0.x.cells=16", "axis.0.v.cells=35"], 3),
+    ("barriers.toml", &["axis.0.x.cells=30", "axis.0.v.cells=41", "time.end=1.2"], 1),
+    ("inflow_barrier.toml", &["axis.0.x.cells=16", "axis.0.v.cells=35"], 2),
     ("barrier2d.toml", &[], 2),
     ("periodic2d.toml", PLANE, 1),
-    ("periodic2d.toml", LINE, 4),
-    ("periodic2d.toml", TURNED, 3),
-    ("periodic2d.toml", ENTERS, 2),
-    ("periodic2d.toml", SLOPES, 3),
-    ("periodic2d.toml", STANDS, 2),
+    ("periodic2d.toml", LINE, 1),
+    ("periodic2d.toml", TURNED, 1),
+    ("periodic2d.toml", ENTERS, 3),
+    ("periodic2d.toml", SLOPES, 2),
+    ("periodic2d.toml", STANDS, 1),
     ("step3d.toml", SPACE, 2),
-    ("periodic2d.toml", ELEMENTS, 3),
-    ("periodic2d.toml", ENTERING_ELEMENTS, 2),
+    ("periodic2d.toml", ELEMENTS, 1),
+    ("periodic2d.toml", ENTERING_ELEMENTS, 3),
     ("periodic2d.toml", CELLS_AMONG_ELEMENTS, 2),
 ];
 
@@ -130,7 +130,7 @@ fn answers_are_those_of_the_whole_grid() {
     check_all(ROWS, |row| {
         let (with, without) = (directory(), directory());
         let less = run(row, &[]).solve(with.path())?;
-        let all = run(row, &["solver.reduce=false"]).solve(without.path())?;
+        let all = run(row, &["solver.reduce=false"]).on(1).solve(without.path())?;
         let cells = [less.number("cells")?, all.number("cells")?];
         less.require(cells[0] < cells[1], || format!("{cells:?} cells"))?;
         numbers_agree(&less, &all, &["error_l1", "error_l2"])?;
@@ -177,9 +177,9 @@ fn datasets_agree(less: &Summary, with: &Path, without: &Path, allowed: f64) -> 
 /// depend on some of the coordinates.
 #[test]
 fn answers_of_random_scenes_are_those_of_the_whole_grid() {
-    check_scenes(24, 0.3, |choices| {
+    check_scenes(45, 0.3, |choices| {
         let text = scene(choices);
-        let is_reduced = agrees_with_the_whole_grid(&text, choices.of(&[1, 2, 3]));
+        let is_reduced = agrees_with_the_whole_grid(&text, choices.of(&[1, 1, 1, 2, 3]));
         is_reduced.map_err(|e| format!("{e}\n  of:\n{text}"))
     });
 }
@@ -275,9 +275,8 @@ pub fn scene(choices: &mut Choices) -> String {
 fn errors_of_the_grid_are_those_of_the_whole_grid() {
     let exact = [CELLS_AMONG_ELEMENTS, &["exact.kind=characteristics"]].concat();
     let errors = |more: &[&str]| -> Vec<f64> {
-        let place = directory();
         let job = of_case("run", "periodic2d.toml").set(&exact).set(more);
-        let summary = job.set(&["solver.tolerance=1e-9"]).solve(place.path()).unwrap();
+        let summary = job.set(&["solver.tolerance=1e-9"]).summary().unwrap();
         let accuracy = &summary.value["accuracy"];
         let estimates = ["grid_estimate", "grid_density_estimate"]
             .map(|key| accuracy[key].as_f64().unwrap_or(f64::NAN));
@@ -302,43 +301,32 @@ fn moments_of_level_sets_are_those_of_the_whole_grid() {
         "initial.density=0 if x > -0.1 else 1",
         "initial.velocity=['0.4 if x > 0 else 0.6', '0.5']",
     ];
-    for ranks in [1, 3] {
-        let row = ("example3.toml", settings, ranks);
-        let (with, without) = (directory(), directory());
-        let less = run(&row, &[]).solve(with.path()).unwrap();
-        let all = run(&row, &["solver.reduce=false"]).solve(without.path()).unwrap();
-        let cells = [&less, &all].map(|run| run.number("cells").unwrap());
-        assert_eq!(7.0 * cells[0], cells[1]);
-        for key in ["mass", "mass_exact", "error_density_l1", "error_velocity_l1"] {
-            let [a, b] = [&less, &all].map(|run| run.number(key).unwrap());
-            assert!(b > 0.0 && (a - b).abs() <= 1e-6 * b, "{key}: {a:e}, {b:e}");
-        }
+    let row = ("example3.toml", settings, 3);
+    let less = run(&row, &[]).summary().unwrap();
+    let all = run(&row, &["solver.reduce=false"]).on(1).summary().unwrap();
+    let cells = [&less, &all].map(|run| run.number("cells").unwrap());
+    assert_eq!(7.0 * cells[0], cells[1]);
+    for key in ["mass", "mass_exact", "error_density_l1", "error_velocity_l1"] {
+        let [a, b] = [&less, &all].map(|run| run.number(key).unwrap());
+        assert!(b > 0.0 && (a - b).abs() <= 1e-6 * b, "{key}: {a:e}, {b:e}");
     }
 }
 
 /// Reduced runs have the same bits on any ranks.
 #[test]
 fn bits_do_not_depend_on_ranks() {
-    let rows: &[Row] = &[
-        ("periodic2d.toml", LINE, 0),
-        ("periodic2d.toml", TURNED, 0),
-        ("inflow_barrier.toml", &["axis.0.x.cells=14"], 0),
-        ("periodic2d.toml", ELEMENTS, 0),
+    let rows: &[(Row, &str)] = &[
+        (("periodic2d.toml", LINE, 4), "output.expand=true"),
+        (("periodic2d.toml", TURNED, 3), "output.expand=false"),
+        (("inflow_barrier.toml", &["axis.0.x.cells=14"], 3), "output.expand=true"),
+        (("periodic2d.toml", ELEMENTS, 2), "output.expand=true"),
     ];
-    check_all(rows, |&(name, settings, _)| {
-        let rows = [("output.expand=true", 2..=4), ("output.expand=false", 3..=3)];
-        for (expand, ranks) in rows {
-            let alone = directory();
-            run(&(name, settings, 1), &[expand]).solve(alone.path())?;
-            let expected = datasets(alone.path())?;
-            for ranks in ranks {
-                let here = directory();
-                let summary = run(&(name, settings, ranks), &[expand]).solve(here.path())?;
-                let differ = differences(&datasets(here.path())?, &expected);
-                summary.require(differ.is_empty(), || format!("{differ:?} differ"))?;
-            }
-        }
-        Ok(())
+    check_all(rows, |(row, expand)| {
+        let (alone, here) = (directory(), directory());
+        run(row, &[expand]).on(1).solve(alone.path())?;
+        let summary = run(row, &[expand]).solve(here.path())?;
+        let differ = differences(&datasets(here.path())?, &datasets(alone.path())?);
+        summary.require(differ.is_empty(), || format!("{differ:?} differ"))
     });
 }
 
@@ -414,7 +402,7 @@ fn each_can_be_switched_off() {
     let small = ["axis.0.x.cells=24", "axis.0.v.cells=25"];
     let solve = |settings: &[&str]| {
         let here = directory();
-        let row: Row = ("example1.toml", &[], 2);
+        let row: Row = ("example1.toml", &[], 1);
         let job = run(&row, &small).set(settings);
         let summary = job.solve(here.path()).expect("a run");
         let f = field(here.path()).expect("a field");
@@ -465,21 +453,12 @@ fn mistakes_are_refused() {
 /// Ranks share the modes as long as there are enough of them; `--ranks-x` splits space.
 #[test]
 fn space_is_split_by_ranks_x() {
-    let blocks = |more: &[&str]| -> Vec<u64> {
-        let job = Job::new(["plan", &case("example1.toml"), "--ranks", "4", "--json"])
-            .with(more.to_vec());
-        let plan = job.succeed().and_then(|finished| finished.json());
-        let plan = plan.expect("a plan");
-        let space = plan["layout"]["mesh"]["space"].as_array().expect("a list").clone();
-        space.iter().filter_map(serde_json::Value::as_u64).collect()
-    };
-    assert_eq!(blocks(&[]), [1]);
-    assert_eq!(blocks(&["--ranks-x", "2"]), [2]);
-    let plan = |more: &[&str]| {
-        let job = Job::new(["plan", &case("example1.toml"), "--ranks", "4"]).with(more.to_vec());
-        job.succeed().expect("a plan").output
-    };
     let line = "space is not split: there are modes for all ranks";
-    assert!(plan(&[]).contains(line));
-    assert!(!plan(&["--ranks-x", "2"]).contains(line));
+    for (more, blocks) in [(&[][..], [1]), (&["--ranks-x", "2"], [2])] {
+        let plan = plan("example1.toml", 4).with(more.iter().copied());
+        let json = plan.clone().with(["--json"]).succeed().unwrap().json().unwrap();
+        assert_eq!(json["layout"]["mesh"]["space"], serde_json::json!(blocks));
+        let printed = plan.succeed().unwrap().output;
+        assert_eq!(printed.contains(line), blocks == [1], "{printed}");
+    }
 }

@@ -118,19 +118,22 @@ fn damaged_results_do_not_count_as_finished() {
         ("no plane", |place| fs::write(place.join("plane_x.xdmf"), b"").unwrap(), "plane_x.xdmf"),
         ("no table", |place| fs::write(place.join("readout.csv"), b"").unwrap(), "readout.csv"),
     ];
-    check_all(&DAMAGES, |(what, damage, printed)| {
+    let sound = directory();
+    let full = ["readout={cells=[[3]]}", "output.warped_field=true"];
+    run().set(&full).on(2).solve(sound.path()).expect("a run");
+    let expected = datasets(sound.path()).expect("datasets");
+    let rows: Vec<(usize, &Damage)> = DAMAGES.iter().enumerate().collect();
+    check_all(&rows, |(k, (what, damage, printed))| {
         let place = directory();
         let path = place.path();
-        let full = ["readout={cells=[[3]]}", "output.warped_field=true"];
-        let job = |ranks: usize| run().set(&full).into(path).on(ranks);
-        job(2).succeed()?;
-        let sound = datasets(path)?;
+        copy(sound.path(), path).map_err(|e| e.to_string())?;
+        let job = || run().set(&full).into(path);
         damage(path);
         if printed.starts_with("result.h5") {
             let resumable = ["it holds a damaged result", "--resume computes it anew", "--force"];
-            job(1).is_refused(&resumable)?;
+            job().is_refused(&resumable)?;
             // The summary is that of another case.
-            let other = job(1).set(&["title=other"]).with(["--resume"]);
+            let other = job().set(&["title=other"]).with(["--resume"]);
             other.is_refused(&["it holds a damaged result of another case", "--force"])?;
         }
         if printed.contains("dataset") {
@@ -139,12 +142,13 @@ fn damaged_results_do_not_count_as_finished() {
                 drawn.ended(1, &[printed])?;
             }
         }
-        let again = job(3).with(["--resume"]).succeed()?;
+        let ranks = if k % 6 == 0 { 3 } else { 1 };
+        let again = job().on(ranks).with(["--resume"]).succeed()?;
         again.contains(&again.errors, &["is damaged and is computed anew", printed])?;
-        if reports_finished(&again) || !differences(&datasets(path)?, &sound).is_empty() {
+        if reports_finished(&again) || !differences(&datasets(path)?, &expected).is_empty() {
             return Err(again.report(&format!("{what}: not computed anew")));
         }
-        let again = job(2).with(["--resume"]).succeed()?;
+        let again = job().with(["--resume"]).succeed()?;
         if !reports_finished(&again) || again.errors.contains("damaged") {
             return Err(again.report(&format!("{what}: not repaired")));
         }
@@ -189,9 +193,10 @@ fn long_paths_are_accepted() {
         let path = long(place.path(), length);
         assert_eq!(path.as_os_str().len(), length);
         let settings = ["output.warped_field=true"];
-        run().set(&settings).on(2).solve(&path)?;
-        on_results("check-result", &path).on(2).succeed()?;
-        let again = run().set(&settings).into(&path).with(["--resume"]).on(2).succeed()?;
+        let ranks = if length == 227 { 2 } else { 1 };
+        run().set(&settings).on(ranks).solve(&path)?;
+        on_results("check-result", &path).on(ranks).succeed()?;
+        let again = run().set(&settings).into(&path).with(["--resume"]).on(ranks).succeed()?;
         if reports_finished(&again) { Ok(()) } else { Err(again.report("not finished")) }
     });
 }
@@ -206,7 +211,7 @@ fn a_run_without_a_summary_is_not_finished() {
     let cells: Vec<String> = (0..200).map(|cell| format!("[{cell}]")).collect();
     let readout = format!("readout={{cells=[{}]}}", cells.join(","));
     let wide = ["output.xdmf=false", "axis.0.x.cells=200", "axis.0.v.cells=6", &readout];
-    let job = || run().set(&wide).into(path).on(2);
+    let job = || run().set(&wide).into(path);
     job().succeed().expect("a run");
     let kibibytes = |name: &str| fs::metadata(path.join(name)).expect("a file").len() / 1024;
     // The limit includes the plan's margin for metadata.
@@ -216,7 +221,7 @@ fn a_run_without_a_summary_is_not_finished() {
     for name in names_in(path) {
         fs::remove_file(path.join(name)).expect("a file");
     }
-    let finished = job().files_up_to(others).run().expect("a run");
+    let finished = job().on(2).files_up_to(others).run().expect("a run");
     finished.ended(1, &["summary.json"]).unwrap();
     assert_eq!(names_in(path), ["readout.csv", "result.h5"], "other files are left");
     let again = job().with(["--resume"]).succeed().expect("a run");
@@ -247,7 +252,7 @@ fn a_second_run_in_a_directory_is_refused() {
     let refusal = refusal.expect("a second run").expect("its end");
     refusal.ended(2, &["another run writes into it (run.lock: process", "-o"]).unwrap();
     assert_eq!(names_in(path), RESULT_FILES);
-    on_results("check-result", path).on(2).succeed().unwrap();
+    on_results("check-result", path).succeed().unwrap();
     // Leftovers of a killed run do not block another run.
     fs::write(path.join("run.lock"), b"process 1").expect("a file");
     fs::write(path.join("result.h5.partial"), b"half").expect("a file");
@@ -259,22 +264,20 @@ fn a_second_run_in_a_directory_is_refused() {
 #[test]
 fn runs_are_continued_while_ranks_of_a_killed_run_end() {
     LazyLock::force(&WHOLE);
-    for _ in 0..3 {
-        let place = directory_on_disk();
-        let path = place.path();
-        let job = long_run().on(3).set(&[OFTEN]).into(path);
-        let mut second = None;
-        job.closely()
-            .run_while(|mpirun, _| {
-                if second.is_none() && newest(path).is_some() {
-                    send("-KILL", mpirun.id());
-                    second = Some(long_run().on(2).nested().with(["--resume"]).solve(path));
-                }
-            })
-            .expect("the first run");
-        let summary = second.expect("a second run").expect("its end");
-        same(path, &summary).unwrap();
-    }
+    let place = directory_on_disk();
+    let path = place.path();
+    let job = long_run().on(3).set(&[OFTEN]).into(path);
+    let mut second = None;
+    job.closely()
+        .run_while(|mpirun, _| {
+            if second.is_none() && newest(path).is_some() {
+                send("-KILL", mpirun.id());
+                second = Some(long_run().on(2).nested().with(["--resume"]).solve(path));
+            }
+        })
+        .expect("the first run");
+    let summary = second.expect("a second run").expect("its end");
+    same(path, &summary).unwrap();
 }
 
 /// Links and pipes with the names of results are replaced; the targets of links stay unchanged.
@@ -378,13 +381,19 @@ fn pipes_in_an_output_directory_are_not_waited_for() {
         rows.push((name.to_owned(), &[], Pipe::Stays));
     }
     let options: [&[&str]; 4] = [&[], &["--force"], &["--resume"], &["--resume", "--force"]];
-    check_all(&rows, |(name, settings, pipe)| {
+    let rows: Vec<_> = rows.iter().enumerate().collect();
+    check_all(&rows, |(row, (name, settings, pipe))| {
         for (k, options) in options.iter().enumerate() {
+            // All options with some of the names, one or two of them by turn with the others.
+            let all = ["result.h5", "run.lock", "checkpoint"].contains(&name.as_str());
+            if !all && (row + k) % if *pipe == Pipe::ReplacedByForce { 2 } else { 4 } != 0 {
+                continue;
+            }
             let place = directory();
             let path = place.path().join(name);
             make_pipe(&path);
             // Some on two ranks, where mpirun itself takes seconds to end on a busy machine.
-            let ranks = if k == 1 && name.ends_with(".h5") { 2 } else { 1 };
+            let ranks = if k == 1 && name == "result.h5" { 2 } else { 1 };
             let job = run().set(settings).with(options.iter().copied()).into(place.path());
             let finished = job.on(ranks).run()?;
             let forced = options.contains(&"--force");
@@ -444,8 +453,7 @@ fn pipes_beside_results_are_not_waited_for() {
                 return Err(finished.report(&format!("{name}: {} s", finished.seconds)));
             }
         }
-        run().set(&settings).with(["--force"]).into(place.path()).succeed()?;
-        on_results("check-result", place.path()).succeed().map(drop)
+        Ok(())
     });
     let page = directory();
     make_pipe(&page.path().join("report.html"));

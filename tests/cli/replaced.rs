@@ -1,8 +1,11 @@
 //! Existing files in an output directory: results are not replaced without `--force`.
 
-use crate::support::{Job, RESULT_FILES, case, check_all, contents, directory, of_case};
+use crate::support::{
+    Job, RESULT_FILES, check_all, contents, copy, directory, of_case, on_results,
+};
 use std::fs;
-use std::path::Path;
+use std::sync::LazyLock;
+use tempfile::TempDir;
 
 /// The grid of a study of two seconds.
 const SMALL: [&str; 2] = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
@@ -30,10 +33,11 @@ fn results_are_not_replaced_without_force() {
         // Refused before the trials, which would take longer than the limit of a refusal.
         (&[], &["--accuracy", "1e-2", "--budget", "1h"], "it holds"),
     ];
-    // Alone, and on two ranks.
+    // The first on two ranks.
     let rows: Vec<_> = rows.iter().enumerate().collect();
     check_all(&rows, |(k, (settings, options, printed))| {
-        let job = run(settings).with(options.iter().copied()).into(path).on(1 + k % 2);
+        let ranks = if *k == 0 { 2 } else { 1 };
+        let job = run(settings).with(options.iter().copied()).into(path).on(ranks);
         job.is_refused(&[printed, "--force replaces it", "-o gives another directory"])
     });
     assert!(contents(path) == before, "a refused run changed the directory");
@@ -56,7 +60,7 @@ fn replaced_results_lose_their_pictures() {
         assert!(names().iter().any(|n| n == name), "{name}: {:?}", names());
     }
     fs::write(path.join("plots/mine.svg"), "mine").expect("a file");
-    run(&["output.xdmf=false"]).with(["--force"]).on(2).into(path).succeed().unwrap();
+    run(&["output.xdmf=false"]).with(["--force"]).into(path).succeed().unwrap();
     assert_eq!(names(), ["plots/mine.svg", "result.h5", "summary.json"]);
     fs::remove_file(path.join("plots/mine.svg")).expect("a file");
     Job::new(["plot", &shown]).succeed().expect("pictures");
@@ -65,106 +69,129 @@ fn replaced_results_lose_their_pictures() {
     assert!(!path.join("plots").exists(), "the empty folder is left");
 }
 
+/// Results at two times, until 0.3 and until 0.2.
+static RESULTS: LazyLock<[TempDir; 2]> = LazyLock::new(|| {
+    ["time.end=0.3", "time.end=0.2"].map(|end| {
+        let place = directory();
+        run(&["output.field_times=[0.1]", end]).into(place.path()).succeed().expect("a run");
+        place
+    })
+});
+
+/// A command of the program with example 1 on a tiny grid.
+fn tiny(command: &str) -> Job {
+    let plan = ["solver.warp.profile=exponential", "solver.warp.points=16"];
+    let grid = ["axis.0.x.cells=4", "axis.0.v.cells=4", "solver.tolerance=1e-1"];
+    of_case(command, "example1.toml").set(&grid).set(&plan)
+}
+
+/// A chart or a stability study of two seconds.
+fn study(command: &str) -> Job {
+    of_case(command, "example1.toml").with(["--budget", "2s"]).set(&SMALL)
+}
+
+/// A command that writes into a directory.
+struct Writer {
+    job: Job,
+    /// The same for another case.
+    other: Job,
+    /// Its first file.
+    file: &'static str,
+    /// A text of the message that refuses the other case.
+    printed: &'static str,
+}
+
+/// A command of a case, and the same with another end of time.
+fn of_two_cases(job: Job, file: &'static str, printed: &'static str) -> Writer {
+    Writer { other: job.clone().set(&["time.end=0.2"]), job, file, printed }
+}
+
+/// A command on two results.
+fn of_two_results(command: &str, file: &'static str, printed: &'static str) -> Writer {
+    let [job, other] = RESULTS.each_ref().map(|place| on_results(command, place.path()));
+    Writer { job, other, file, printed }
+}
+
 /// A sweep, an export, a report, pictures and a movie replace their own files, and other files only
 /// with `--force`.
 #[test]
 fn tables_exports_and_reports_are_not_replaced_without_force() {
-    let place = directory();
-    let path = place.path();
-    let example = case("example1.toml");
-    run(&[]).into(path).succeed().expect("a run");
-    let result = path.display().to_string();
-    let frames = ["output.field_times=[0.1]"];
-    let [timed, other_timed] = [directory(), directory()];
-    run(&frames).into(timed.path()).succeed().expect("a run");
-    run(&frames).set(&["time.end=0.2"]).into(other_timed.path()).succeed().expect("a run");
-    let movie = |path: &Path| Job::new(["movie".to_owned(), path.display().to_string()]);
-    let other = directory();
-    run(&["time.end=0.2"]).into(other.path()).succeed().expect("a run");
-    let second = other.path().display().to_string();
-    let tiny: [&str; 5] = [
-        "axis.0.x.cells=4",
-        "axis.0.v.cells=4",
-        "solver.tolerance=1e-1",
-        "solver.warp.profile=exponential",
-        "solver.warp.points=16",
-    ];
-    let job = |words: &[&str]| Job::new(words.iter().copied());
     let vary = ["--vary", "solver.tolerance=1e-2,1e-1"];
-    let sweep = job(&["sweep", &example]).with(vary).set(&tiny[..2]);
-    let exports = ["export-matrix", "export-quantum"].map(|name| job(&[name, &example]).set(&tiny));
-    // A command, the same for another case, its first file, and a text of the message.
-    let study = |words: &[&str], settings: &[&str]| {
-        job(words).with([&*example, "--budget", "2s"]).set(&SMALL).set(settings)
-    };
-    let [charts, studies] = [&["chart"][..], &["stability", "--only", "cfl"]]
-        .map(|words| [study(words, &[]), study(words, &["time.end=0.2"])]);
-    let [[chart, other_chart], [stability, other_stability]] = [charts, studies];
-    let rows: [(Job, Job, &str, &str); 8] = [
-        (chart, other_chart, "chart.csv", "the chart of another case: time.end is 1"),
-        (stability, other_stability, "stability.csv", "of another case: time.end is 1"),
-        (sweep.clone(), sweep.set(&["time.end=0.2"]), "table.csv", "a sweep with other runs"),
-        (exports[0].clone(), exports[0].clone().set(&["time.end=0.2"]), "A.mtx", "time.end is 1"),
-        (exports[1].clone(), exports[1].clone().set(&["time.end=0.2"]), "field.npy", "time.end"),
-        (job(&["report", &result]), job(&["report", &second]), "report.html", "of another case"),
-        (job(&["plot", &result]), job(&["plot", &second]), "moments.svg", "time.end is 0.3"),
-        (movie(timed.path()), movie(other_timed.path()), "movie.gif", "time.end is 0.3"),
+    let sweep =
+        of_case("sweep", "example1.toml").with(vary).set(&["axis.0.x.cells=4", "axis.0.v.cells=4"]);
+    let stability = study("stability").with(["--only", "cfl"]);
+    let rows = [
+        of_two_cases(study("chart"), "chart.csv", "the chart of another case: time.end is 1"),
+        of_two_cases(stability, "stability.csv", "of another case: time.end is 1"),
+        of_two_cases(sweep, "table.csv", "a sweep with other runs"),
+        of_two_cases(tiny("export-matrix"), "A.mtx", "time.end is 1"),
+        of_two_cases(tiny("export-quantum"), "field.npy", "time.end"),
+        of_two_results("report", "report.html", "of another case"),
+        of_two_results("plot", "moments.svg", "time.end is 0.3"),
+        of_two_results("movie", "movie.gif", "time.end is 0.3"),
     ];
-    check_all(&rows, |(mine, others, name, printed)| {
+    check_all(&rows, |Writer { job, other, file, printed }| {
         let place = directory();
         let path = place.path();
-        mine.clone().into(path).succeed()?;
-        mine.clone().into(path).on(2).succeed()?;
+        // Two of them on two ranks.
+        let ranks = if ["table.csv", "moments.svg"].contains(file) { 2 } else { 1 };
+        job.clone().into(path).succeed()?;
+        job.clone().into(path).on(ranks).succeed()?;
         let before = contents(path);
-        let others = others.clone().into(path);
-        for ranks in [1, 2] {
-            others.clone().on(ranks).is_refused(&["it holds", printed, "--force", "-o"])?;
-        }
+        let other = other.clone().into(path);
+        other.clone().on(ranks).is_refused(&["it holds", printed, "--force", "-o"])?;
         if contents(path) != before {
-            return Err(format!("{name}: a refused command changed the directory"));
+            return Err(format!("{file}: a refused command changed the directory"));
         }
-        others.clone().with(["--force"]).succeed()?;
+        other.with(["--force"]).succeed()?;
         if contents(path) == before {
-            return Err(format!("{name}: --force replaced nothing"));
+            return Err(format!("{file}: --force replaced nothing"));
         }
         // A foreign file with the name of an output.
         let place = directory();
-        fs::write(place.path().join(name), "a letter").map_err(|e| e.to_string())?;
-        let job = mine.clone().into(place.path());
-        job.is_refused(&["it holds", name, "--force", "-o"])?;
-        let kept = fs::read(place.path().join(name)).is_ok_and(|bytes| bytes == b"a letter");
+        fs::write(place.path().join(file), "a letter").map_err(|e| e.to_string())?;
+        job.clone().into(place.path()).is_refused(&["it holds", file, "--force", "-o"])?;
+        let kept = fs::read(place.path().join(file)).is_ok_and(|bytes| bytes == b"a letter");
         if !kept || contents(place.path()).len() != 1 {
-            return Err(format!("{name}: the directory was changed"));
+            return Err(format!("{file}: the directory was changed"));
         }
-        job.with(["--force"]).on(2).succeed().map(|_| ())
+        Ok(())
     });
-    // Pictures of a run are not written into the results of another run, only into its own.
-    let drawn = [job(&["plot", &result]), job(&["report", &result]), movie(timed.path())];
-    for job in drawn {
+}
+
+/// Pictures of a run are not written into the results of another run, only into its own.
+#[test]
+fn pictures_are_not_written_into_other_results() {
+    let [own, other] = [directory(), directory()];
+    for (place, results) in [&own, &other].into_iter().zip(RESULTS.iter()) {
+        copy(results.path(), place.path()).expect("a copy");
+    }
+    let before = contents(other.path());
+    for command in ["plot", "report", "movie"] {
         for there in [other.path().to_owned(), other.path().join("plots")] {
-            let before = contents(other.path());
-            let refused = job.clone().into(&there);
+            let refused = on_results(command, own.path()).into(&there);
             let wording = ["it holds the result.h5 of another run", "--force", "-o"];
             refused.is_refused(&wording).expect("a refusal");
             assert_eq!(contents(other.path()), before, "the directory was changed");
         }
     }
+    let path = own.path();
     for place in [path.join("plots"), path.join("./plots/../plots"), path.to_owned()] {
-        job(&["plot", &result]).into(&place).succeed().expect("pictures");
+        on_results("plot", path).into(&place).succeed().expect("pictures");
         assert!(!place.join("description.json").exists(), "{}", place.display());
     }
-    // A chart and a stability study of one case share a directory, and leave an export there.
+}
+
+/// A chart and a stability study of one case share a directory, and leave an export there. Two
+/// kinds of export in one directory are refused.
+#[test]
+fn studies_share_a_directory() {
     let place = directory();
-    let [chart, stability] = [["chart", "--budget"], ["stability", "--budget"]]
-        .map(|words| job(&words).with(["2s", &*example]).set(&SMALL).into(place.path()));
-    exports[0].clone().into(place.path()).succeed().expect("matrices");
-    for job in [&chart, &stability, &chart, &stability] {
-        job.clone().succeed().expect("a study beside others");
+    tiny("export-matrix").into(place.path()).succeed().expect("matrices");
+    for command in ["chart", "stability", "chart"] {
+        study(command).into(place.path()).succeed().expect("a study beside others");
     }
-    // Two kinds of export in one directory are refused.
-    let place = directory();
-    let [matrix, quantum] = exports.map(|job| job.into(place.path()));
-    matrix.succeed().expect("matrices");
+    let quantum = tiny("export-quantum").into(place.path());
     quantum.is_refused(&["an export of another kind, \"matrix\""]).expect("a refusal");
 }
 
@@ -195,23 +222,22 @@ fn foreign_files_are_not_replaced_without_force() {
         if !kept || contents(path).len() != 1 {
             return Err(format!("{name}: the directory was changed"));
         }
-        job.with(["--force"]).on(2).succeed().map(|_| ())
+        let ranks = if *name == "result.h5" { 2 } else { 1 };
+        job.with(["--force"]).on(ranks).succeed().map(|_| ())
     });
     let chosen = directory();
     fs::write(chosen.path().join("accuracy.json"), "a letter").expect("a file");
     let wanted = run(&[]).into(chosen.path()).with(["--accuracy", "0.5", "--budget", "1s"]);
     wanted.is_refused(&["it holds accuracy.json", "--force"]).unwrap();
     // Without a result in the directory, files with the names of derived outputs are not removed.
+    // They do not prevent a run, nor do files with other names.
     let place = directory();
-    let others = ["report.html", "warped_f.h5", "warped_f_0001.h5", "plots/density.png"];
+    let others =
+        ["report.html", "warped_f.h5", "warped_f_0001.h5", "plots/density.png", "letter.txt"];
     fs::create_dir(place.path().join("plots")).expect("a directory");
     others.iter().for_each(|name| fs::write(place.path().join(name), "a letter").expect("a file"));
-    run(&[]).into(place.path()).on(2).succeed().expect("a run");
+    run(&[]).into(place.path()).succeed().expect("a run");
     for name in others {
         assert_eq!(fs::read(place.path().join(name)).ok().as_deref(), Some(&b"a letter"[..]));
     }
-    // Files with other names do not prevent a run.
-    let place = directory();
-    fs::write(place.path().join("letter.txt"), "a letter").expect("a file");
-    run(&[]).into(place.path()).succeed().expect("a run");
 }

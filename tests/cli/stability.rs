@@ -48,8 +48,8 @@ fn explicit_steps_fail_where_theory_predicts() {
         ("example1.toml", small(24, 18), 1),
         ("well.toml", small(36, 20), 2),
         ("example2.toml", small(20, 16), 3),
-        ("slope_jump.toml", small(24, 22), 2),
-        ("barrier2d.toml", Vec::new(), 2),
+        ("slope_jump.toml", small(24, 22), 1),
+        ("barrier2d.toml", Vec::new(), 1),
     ];
     check_all(&rows, |(name, set, ranks)| {
         let set: Vec<&str> = set.iter().map(String::as_str).collect();
@@ -218,7 +218,7 @@ fn grazing_spikes_are_explained_by_chains_at_a_face() {
 /// tolerance are like those of degree 0.
 #[test]
 fn limits_of_elements_agree_with_theory() {
-    let grid = ["axis.0.x.cells=6", "axis.0.v.cells=8", "scheme.degree=2"];
+    let grid = ["axis.0.x.cells=4", "axis.0.v.cells=4", "scheme.degree=2"];
     let only = "cfl,growth,grazing,recovery,interval,step,tolerance";
     let all = found(&stability("example1.toml", only).set(&grid)).unwrap();
     let [kept, theory] = border(&all, "cfl", "SSP-RK3: norm kept").unwrap();
@@ -252,7 +252,7 @@ fn implicit_methods_have_their_orders() {
 /// Accepted tolerances are met, down to round-off.
 #[test]
 fn accepted_tolerances_are_kept() {
-    let grid = ["axis.0.x.cells=16", "axis.0.v.cells=14"];
+    let grid = ["axis.0.x.cells=10", "axis.0.v.cells=8"];
     let all = found(&stability("example1.toml", "tolerance").set(&grid)).unwrap();
     let found = panel(&all, "tolerance").unwrap();
     let verdict = found["verdict"].to_string();
@@ -298,10 +298,11 @@ fn every_case_has_panels_and_figures_within_its_budget() {
         "example3.toml", "harmonic_step.toml", "pulsed_inflow.toml", "lens2d.toml", "step3d.toml",
         "paper/example2.toml",
     ];
-    check_all(&cases, |name| {
+    let rows: Vec<_> = cases.into_iter().enumerate().collect();
+    check_all(&rows, |(k, name)| {
         let place = directory();
-        let job = Job::new(["stability", &case(name), "--budget", "4s"]).on(2).into(place.path());
-        job.succeed()?;
+        let job = Job::new(["stability", &case(name), "--budget", "2s"]).on(1 + k % 2);
+        job.into(place.path()).succeed()?;
         let all = json_of(place.path().join("stability.json"))?;
         let count = |key: &str| all[key].as_array().map_or(0, Vec::len);
         expect(count("panels") + count("left_out") == 8, || format!("{name}: {all}"))?;

@@ -1,6 +1,31 @@
 //! Warnings are printed once and are in the summary.
 
-use crate::support::{Summary, check, check_all, directory, require, run};
+use crate::support::{Summary, check, check_all, directory, parsed, require, run};
+use phasewarp::run::warnings::warnings;
+
+/// The warnings of a case, a line each.
+#[derive(Debug)]
+struct Found(String);
+
+/// The warnings of a case of `cases/` with these settings, which `check` and `run` print.
+fn found(name: &str, settings: &[&str]) -> Result<Found, String> {
+    Ok(Found(warnings(&parsed(name, settings)?).join("\n") + "\n"))
+}
+
+impl Found {
+    /// Returns an error unless the warnings contain all of `words`.
+    fn has(&self, words: &[&str]) -> Result<(), String> {
+        words.iter().try_for_each(|words| self.has_if(true, words))
+    }
+
+    /// Returns an error unless the warnings contain the words if and only if `expected`.
+    fn has_if(&self, expected: bool, words: &str) -> Result<(), String> {
+        if self.0.contains(words) == expected {
+            return Ok(());
+        }
+        Err(format!("\"{words}\": {}, {expected} expected, in: {}", !expected, self.0))
+    }
+}
 
 /// Inflow that jumps in time gives a warning, unless the error is measured, and no run says that
 /// its plan keeps the tolerance. A smooth pulse gives none.
@@ -36,31 +61,33 @@ fn region_edges_off_the_faces_give_a_warning() {
     ];
     check_all(&rows, |(condition, edge, by)| {
         let setting = format!("potential.0.where=\"{condition}\"");
-        let wording = ["warning: potential", edge, by];
-        let finished = check("example1.toml").set(&[&setting]).succeed()?;
-        finished.contains(&finished.output, &wording)?;
-        let place = directory();
-        let job = run("example1.toml").set(&[&setting, "time.end=0.01"]).on(2);
-        let finished = job.clone().into(place.path()).succeed()?;
-        for words in wording {
-            let times = finished.errors.matches(words).count();
-            require(times == 1, &finished, || format!("\"{words}\" is printed {times} times"))?;
-        }
-        let summary = Summary::read(finished, place.path())?;
-        let warnings = summary.warnings();
-        let known = warnings.contains(edge) && warnings.contains(by);
-        summary.require(known, || format!("warnings in summary.json: {warnings}"))
+        found("example1.toml", &[&setting])?.has(&["potential", edge, by])
     });
+    let (condition, edge, by) = rows[0];
+    let setting = format!("potential.0.where=\"{condition}\"");
+    let wording = ["warning: potential", edge, by];
+    let finished = check("example1.toml").set(&[&setting]).succeed().unwrap();
+    finished.contains(&finished.output, &wording).unwrap();
+    let place = directory();
+    let job = run("example1.toml").set(&[&setting, "time.end=0.01"]).on(2);
+    let finished = job.into(place.path()).succeed().unwrap();
+    for words in wording {
+        assert_eq!(finished.errors.matches(words).count(), 1, "{}", finished.report(words));
+    }
+    let summary = Summary::read(finished, place.path()).unwrap();
+    let warnings = summary.warnings();
+    assert!(warnings.contains(edge) && warnings.contains(by), "{warnings}");
     // Of many edges, the first are listed and the others counted.
     let often = "potential.0.where=\"sin(30*x) < 0\"";
-    let finished = check("example1.toml").set(&[often]).succeed().unwrap();
-    let shown = finished.output.matches("misses the faces of the grid; it").count();
-    let more = ["potential: and at ", "places more a region's edge misses the faces"];
-    finished.contains(&finished.output, &more).unwrap();
-    let all = finished.output.split("and at ").nth(1).and_then(|rest| rest.split(' ').next());
+    let found_often = found("example1.toml", &[often]).unwrap();
+    let shown = found_often.0.matches("misses the faces of the grid; it").count();
+    found_often
+        .has(&["potential: and at ", "places more a region's edge misses the faces"])
+        .unwrap();
+    let all = found_often.0.split("and at ").nth(1).and_then(|rest| rest.split(' ').next());
     let all = shown + all.and_then(|n| n.parse::<usize>().ok()).unwrap_or(0);
     // Between -1.5 and 1.5 sin(30 x) changes its sign at k pi/30, |k| <= 14; x = 0 is a face.
-    assert!(shown == 8 && all == 28, "{}", finished.report(&format!("{shown} of {all}")));
+    assert!(shown == 8 && all == 28, "{shown} of {all}: {found_often:?}");
     // Control: no warning for edges on faces.
     for condition in ["x < 0", "x < 0.0234375"] {
         let setting = format!("potential.0.where=\"{condition}\"");
@@ -77,12 +104,12 @@ fn a_degree_that_would_be_refused_is_not_a_remedy() {
     let rows = [(128, false), (127, true), (53, true)];
     check_all(&rows, |(cells, refused)| {
         let velocities = format!("axis.0.v.cells={cells}");
-        let finished = check("example1.toml").set(&[slab, &velocities]).succeed()?;
         let remedy = if *refused {
             "or scheme.degree = 2 on velocity cells with a face at v = 0"
         } else {
             "or scheme.degree = 2\n"
         };
+        let finished = check("example1.toml").set(&[slab, &velocities]).succeed()?;
         finished.contains(&finished.output, &[remedy])?;
         let elements = check("example1.toml").set(&[slab, &velocities, "scheme.degree=2"]).run()?;
         let words: &[&str] = if *refused { &["v = 0 must be a face"] } else { &[] };
@@ -102,9 +129,8 @@ fn forward_euler_of_elements_gives_a_warning() {
         (&["scheme.degree=2", "solver.classical.integrator=ssp-rk3"], false),
     ];
     check_all(&rows, |(settings, warns)| {
-        let finished = check("example1.toml").set(&euler).set(settings).succeed()?;
-        let found = finished.output.contains("has no stable step with scheme.");
-        require(found == *warns, &finished, || format!("warns: {found}"))
+        let found = found("example1.toml", &[&euler, *settings].concat())?;
+        found.has_if(*warns, "has no stable step with scheme.")
     });
 }
 
@@ -131,17 +157,13 @@ fn unresolved_potentials_give_a_warning() {
         ("potential.0.value=x^2/2", OVER, &[]),
     ];
     check_all(rows, |(setting, grid, words)| {
-        let finished = check("example1.toml").set(grid).set(&[*setting]).succeed()?;
-        finished.contains(&finished.output, words)?;
-        let printed = finished.output.contains("does not resolve V");
-        require(printed != words.is_empty(), &finished, || "V that is not resolved".to_owned())
+        let found = found("example1.toml", &[grid, &[*setting][..]].concat())?;
+        found.has(words)?;
+        found.has_if(!words.is_empty(), "does not resolve V")
     });
     // Also along the second axis.
-    let job = check("barrier2d.toml").set(&["potential.1.value=0.1 if y > 0.53 else 0"]);
-    let finished = job.succeed().unwrap();
-    finished
-        .contains(&finished.output, &["between y = 0.4 and 0.6 (and in 11 cells more)"])
-        .unwrap();
+    let plane = found("barrier2d.toml", &["potential.1.value=0.1 if y > 0.53 else 0"]).unwrap();
+    plane.has(&["between y = 0.4 and 0.6 (and in 11 cells more)"]).unwrap();
 }
 
 /// Edges that are not parallel to the axes cause a warning. Edges of boxes do not, on and off
@@ -167,14 +189,11 @@ fn oblique_edges_give_a_warning() {
     let rows = oblique.map(|edge| (edge, true)).into_iter().chain(along.map(|edge| (edge, false)));
     check_all(&rows.collect::<Vec<_>>(), |(edge, printed)| {
         let setting = format!("potential.0.where=\"{edge}\"");
-        let finished = check("barrier2d.toml").set(&[&setting]).succeed()?;
-        let found = finished.output.contains("potential.0: its edge at x = ");
-        require(found == *printed, &finished, || format!("an oblique edge: {found}"))
+        found("barrier2d.toml", &[&setting])?.has_if(*printed, "potential.0: its edge at x = ")
     });
     // No warning if V is continuous at the edge.
     let flat = ["potential.0.where=x > y", "potential.0.value=0.3*(x - y)"];
-    let finished = check("barrier2d.toml").set(&flat).succeed().unwrap();
-    assert!(!finished.output.contains("its edge at"), "{}", finished.report("a slope"));
+    found("barrier2d.toml", &flat).unwrap().has_if(false, "its edge at").unwrap();
 }
 
 /// Data that vary within the cells of degree 0 cause a warning; finer cells and elements hold them.
@@ -200,7 +219,6 @@ fn formulas_that_are_zero_on_the_grid_give_a_warning() {
     let inflow = "inflow.value=exp(-(x + 1.5)^2)";
     let nothing = "inflow.value=exp(-(x - 90)^2)";
     let rows: &[(&[&str], &str, bool)] = &[
-        (&["initial.f=0"], "the initial data are zero on the grid, and nothing enters", true),
         (&["initial.f=exp(-(x - 90)^2)", inflow], "initial.f is zero at every point", true),
         (&["initial.f=0", inflow], "is zero at", false),
         (&[nothing], "inflow.value is zero at all ends of the box", true),
@@ -216,9 +234,7 @@ fn formulas_that_are_zero_on_the_grid_give_a_warning() {
     ];
     check_all(rows, |(settings, words, printed)| {
         let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "exact={}"];
-        let finished = check("example1.toml").set(&small).set(settings).succeed()?;
-        let found = finished.output.contains(words);
-        require(found == *printed, &finished, || format!("\"{words}\": {found}"))
+        found("example1.toml", &[&small, *settings].concat())?.has_if(*printed, words)
     });
 }
 
@@ -231,17 +247,25 @@ fn keys_without_effect_and_zero_data_give_a_warning() {
         (&own[..2], "scheme.degree has no effect", false),
         (&["potential.1.reflection=0.5"], "potential.1.reflection has no effect", true),
         (&["potential.0.reflection=0.5"], "reflection has no effect", false),
-        (&["potential.0.reflection=0.5"], "where x < 0  reflection 0.5", true),
         (&["output.moments_every=2"], "output.moments_every = 2 has no effect: no multiple", true),
         (&["output.moments_every=1"], "and time.end = 1; below 1 there is one", true),
         (&["output.moments_every=0.9"], "moments_every", false),
         (&["output.fields_every=2"], "output.fields_every = 2 adds the start only", true),
         (&["output.fields_every=0.5"], "fields_every", false),
+    ];
+    let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "exact={}"];
+    check_all(rows, |(settings, words, printed)| {
+        found("example1.toml", &[&small, *settings].concat())?.has_if(*printed, words)
+    });
+    // What only `check` says, or a plan.
+    let nothing = "the initial data are zero on the grid, and nothing enters";
+    let rows: [(&[&str], &str, bool); 4] = [
+        (&["potential.0.reflection=0.5"], "where x < 0  reflection 0.5", true),
+        (&["initial.f=0"], nothing, true),
         (&["initial.f=exp(-(x - 90)^2/0.01)"], "initial data are zero on the grid", true),
         (&["initial.f=0", "inflow.value=1 if v < 1 else 0"], "are zero on the grid", false),
     ];
-    check_all(rows, |(settings, words, printed)| {
-        let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "exact={}"];
+    check_all(&rows, |(settings, words, printed)| {
         let finished = check("example1.toml").set(&small).set(settings).succeed()?;
         let found = finished.output.contains(words);
         require(found == *printed, &finished, || format!("\"{words}\": {found}"))

@@ -11,7 +11,6 @@ use phasewarp::matrix::kernel::{INSTRUCTION_SET_VARIABLE, InstructionSet};
 use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;
-use std::time::Duration;
 
 /// Name of a damage, a function that damages the newest of two generations of a checkpoint on two
 /// ranks, and a part of the message about it.
@@ -89,7 +88,9 @@ const DAMAGES: [Damage; 9] = [
 fn damaged_checkpoints_are_refused_and_the_older_one_used() {
     LazyLock::force(&WHOLE);
     let sound = stopped(2).expect("a stopped run");
-    check_all(&DAMAGES, |(what, damage, printed)| {
+    // Continued alone and on two ranks, by turn.
+    let rows: Vec<(usize, &Damage)> = DAMAGES.iter().enumerate().collect();
+    check_all(&rows, |(k, (what, damage, printed))| {
         let directory = directory();
         let path = directory.path();
         io(copy(sound.path(), path))?;
@@ -98,7 +99,7 @@ fn damaged_checkpoints_are_refused_and_the_older_one_used() {
         };
         io(damage(newest, older))?;
         let older_done = manifest(older)?["matvecs"].as_u64();
-        let finished = run().on(2).into(path).with(["--resume"]).succeed()?;
+        let finished = run().on(1 + k % 2).into(path).with(["--resume"]).succeed()?;
         let name = newest.file_name().and_then(|n| n.to_str()).unwrap_or_default();
         if !(finished.errors.contains(printed) && finished.errors.contains(name)) {
             return Err(finished.report(&format!("{what}: \"{printed}\" expected")));
@@ -126,7 +127,7 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     assert!(finished.errors.contains("without --resume"), "{}", finished.errors);
     // The checkpoint of another case.
-    let finished = go_on(run().on(2).set(&["time.end=0.9"]), sound.path());
+    let finished = go_on(run().set(&["time.end=0.9"]), sound.path());
     assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
     assert!(finished.errors.contains("time.end is 1 there, 0.9 here"), "{}", finished.errors);
     // Where one of them is damaged, nobody knows whether the case is another one.
@@ -134,19 +135,18 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     io(copy(sound.path(), directory.path())).expect("a copy");
     let newest = generations(directory.path()).remove(0);
     fs::write(newest.join("manifest.json"), b"{}").expect("a file");
-    let finished = go_on(run().on(2).set(&["time.end=0.9"]), directory.path());
+    let finished = go_on(run().set(&["time.end=0.9"]), directory.path());
     assert_eq!(finished.code, Some(1), "{}", finished.report("refused"));
     // The checkpoint of a processor that rounds differently.
     if InstructionSet::here() != InstructionSet::Generic {
-        let other =
-            run().on(2).environment(INSTRUCTION_SET_VARIABLE, InstructionSet::Generic.name());
+        let other = run().environment(INSTRUCTION_SET_VARIABLE, InstructionSet::Generic.name());
         let finished = go_on(other, sound.path());
         assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
         let printed = finished.errors.contains("was computed with fused multiply-adds");
         assert!(printed, "{}", finished.errors);
     }
     let alpha = ["solver.warp.alpha=1 - p/1e6"];
-    let finished = go_on(run().on(2).set(&alpha), sound.path());
+    let finished = go_on(run().set(&alpha), sound.path());
     assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
     let wording = "solver.warp.alpha is not given there, \"1 - p/1e6\" here";
     assert!(finished.errors.contains(wording), "{}", finished.errors);
@@ -157,7 +157,7 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     ];
     let copied = self::directory();
     io(copy(sound.path(), copied.path())).expect("a copy");
-    let finished = go_on(run().on(2).set(&differently), copied.path());
+    let finished = go_on(run().set(&differently), copied.path());
     assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
     let printed = finished.errors.contains("going on from");
     assert!(printed, "{}", finished.errors);
@@ -165,11 +165,11 @@ fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     assert_eq!(found["/f"], WHOLE.0["/f"]);
     // Without any checkpoint, the run starts from the beginning.
     let empty = self::directory();
-    let finished = go_on(run().on(2), empty.path());
+    let finished = go_on(run(), empty.path());
     assert_eq!(finished.code, Some(0), "{}", finished.report("done"));
     assert!(finished.errors.contains("starts from its beginning"), "{}", finished.errors);
     // Without --resume, the run starts from the beginning, with a warning.
-    let finished = run().on(2).into(sound.path()).succeed().expect("a run");
+    let finished = run().into(sound.path()).succeed().expect("a run");
     assert!(finished.errors.contains("replaces it"), "{}", finished.errors);
     assert!(!sound.path().join("checkpoint").exists());
 }
@@ -190,7 +190,7 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
         // The run that starts from it takes longer, and needs a longer period.
         let profile = ["solver.warp.profile=exponential", "solver.warp.interval=[-4,28]"];
         let job = job.set(&profile).set(&["time.end=0.1"]);
-        job.set(settings).on(2).solve(&place).expect("a warped field");
+        job.set(settings).solve(&place).expect("a warped field");
         place.join("warped_f.h5")
     };
     let points = "solver.warp.points=1024";
@@ -207,16 +207,16 @@ fn a_run_from_a_file_does_not_go_on_from_another() {
     let finished =
         with_fault(&job, Fault::Signal, |_| generations(path).len() == 2).expect("a run");
     assert_eq!(finished.code, Some(75), "{}", finished.report("stopped"));
-    let go_on = || run().on(3).into(path).with(["--resume"]).run().expect("a run");
+    let go_on = |ranks: usize| run().on(ranks).into(path).with(["--resume"]).run().expect("a run");
     for other in others {
         fs::copy(other, &start).expect("a copy");
-        let finished = go_on();
+        let finished = go_on(1);
         assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
         let printed = finished.errors.contains("initial.warped has changed");
         assert!(printed, "{}", finished.errors);
     }
     fs::copy(&written, &start).expect("a copy");
-    let finished = go_on();
+    let finished = go_on(3);
     assert_eq!(finished.code, Some(0), "{}", finished.report("goes on"));
     assert!(finished.errors.contains("going on from"), "{}", finished.errors);
     let whole = directory();
@@ -241,11 +241,9 @@ fn only_a_run_that_must_stop_fails_if_its_checkpoint_cannot_be_written() {
 
     let directory = self::directory();
     let path = directory.path();
-    // In the modes: a signal in the set-up, of about a second, needs no checkpoint.
-    let longer = ["checkpoint.minutes=0", "solver.warp.points=16384"];
-    let job = wide().set(&longer).into(path);
-    let finished =
-        with_fault(&job, Fault::Signal, |since| since > Duration::from_secs(4)).expect("a run");
+    // In the modes: a signal in the set-up needs no checkpoint.
+    let begun = || path.join("checkpoint").exists();
+    let finished = with_fault(&wide().into(path), Fault::Signal, |_| begun()).expect("a run");
     assert_eq!(finished.code, Some(1), "{}", finished.report("an error"));
     assert!(finished.errors.contains("rank-0000"), "{}", finished.errors);
 
@@ -253,6 +251,6 @@ fn only_a_run_that_must_stop_fails_if_its_checkpoint_cannot_be_written() {
     let directory = self::directory();
     let path = directory.path();
     fs::write(path.join("checkpoint"), b"a file").expect("a file");
-    let summary = run().on(2).set(&[OFTEN]).solve(path).expect("a run");
+    let summary = run().set(&[OFTEN]).solve(path).expect("a run");
     same(path, &summary).expect("the whole run");
 }

@@ -17,8 +17,7 @@ use std::time::{Duration, Instant};
 fn runs_killed_at_any_moment_end_with_the_same_bits() {
     LazyLock::force(&WHOLE);
     // Each run is killed three times and then continued to its end, each time on other ranks.
-    let rows: Vec<u64> = (0..6).collect();
-    check_all(&rows, |&row| {
+    check_all(&[0, 1], |&row| {
         let directory = directory();
         let path = directory.path();
         for strike in 0..3 {
@@ -54,9 +53,7 @@ fn runs_killed_at_any_moment_end_with_the_same_bits() {
 #[test]
 fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
     LazyLock::force(&WHOLE);
-    let rows =
-        [(2, Fault::Rank(0)), (2, Fault::Rank(1)), (3, Fault::Launcher), (4, Fault::Rank(2))];
-    check_all(&rows, |&(ranks, fault)| {
+    check_all(&[(2, Fault::Rank(1)), (3, Fault::Launcher)], |&(ranks, fault)| {
         let directory = directory();
         let path = directory.path();
         let job = run().on(ranks).set(&[OFTEN]).into(path);
@@ -78,7 +75,7 @@ fn runs_killed_while_they_write_a_checkpoint_end_with_the_same_bits() {
 #[test]
 fn a_stop_signal_leaves_a_checkpoint_for_any_ranks() {
     LazyLock::force(&WHOLE);
-    let rows = [(2, 2, "1"), (2, 1, "1"), (1, 3, "3"), (3, 4, "2"), (4, 2, "2")];
+    let rows = [(3, 1, "1"), (1, 3, "3"), (4, 2, "2")];
     check_all(&rows, |&(before, after, blocks)| {
         let directory = stopped(before)?;
         let path = directory.path();
@@ -104,11 +101,9 @@ enum StopRequest {
 fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
     LazyLock::force(&WHOLE);
     let rows = [
-        StopRequest::Once("-INT"),
         StopRequest::Once("-TERM"),
         StopRequest::Twice("-INT"),
         StopRequest::Again("-TERM"),
-        StopRequest::Rank("-TERM", 1),
         StopRequest::Rank("-INT", 2),
         StopRequest::Rank("-TERM", 3),
     ];
@@ -157,7 +152,7 @@ fn ctrl_c_and_sigterm_leave_a_checkpoint_and_a_second_one_ends_at_once() {
         if finished.code != Some(75) || !finished.errors.contains("stopped by a signal") {
             return Err(finished.report("exit code 75 expected"));
         }
-        let summary = ends_well(run().on(2), path)?;
+        let summary = ends_well(run(), path)?;
         summary.require(summary.boolean("resumed")?, || "did not go on".to_owned())
     });
 }
@@ -192,6 +187,10 @@ fn a_signal_interrupts_a_batch_and_stores_finished_modes() {
         let done = finished.errors.contains("stopped by a signal");
         assert!(done, "{}", finished.report("stopped by a signal"));
         assert!(elapsed < Duration::from_secs(3), "{elapsed:?}: {}", finished.report("at once"));
+        // One of them is continued.
+        if ranks.is_none() {
+            continue;
+        }
         let done = stored().unwrap_or(0) as usize;
         let summary = run().set(&slow).on(2).with(["--resume"]).solve(path).expect("an end");
         assert_eq!(count(&summary, "matvecs_here").map(|here| here + done), all);
@@ -249,13 +248,7 @@ fn ends_in_set_up(job: &Job, run: &Path, signal: &str, to_a_rank: bool) -> Resul
 /// There is nothing to store yet.
 #[test]
 fn a_signal_ends_a_set_up_at_once() {
-    let rows = [
-        (None, "-INT", false),
-        (None, "-TERM", false),
-        (Some(2), "-USR1", false),
-        (Some(2), "-USR1", true),
-        (Some(2), "-TERM", true),
-    ];
+    let rows = [(None, "-INT", false), (Some(2), "-USR1", false), (Some(2), "-TERM", true)];
     check_all(&rows, |&(ranks, signal, to_a_rank)| {
         let place = directory();
         let job = of_case("run", "example1.toml").set(&LONG_SET_UP).into(place.path());
@@ -269,7 +262,7 @@ fn a_signal_ends_a_set_up_at_once() {
 /// Nor do the trial runs that choose a grid store anything.
 #[test]
 fn a_signal_ends_the_trials_of_an_accuracy_at_once() {
-    let rows = [("-TERM", "schrodingerized"), ("-INT", "classical"), ("-USR1", "schrodingerized")];
+    let rows = [("-TERM", "schrodingerized"), ("-INT", "classical")];
     check_all(&rows, |(signal, method)| {
         let place = directory();
         let wanted = ["--accuracy", "1e-4", "--budget", "40s"];
@@ -296,12 +289,14 @@ fn a_signal_ends_the_trials_of_an_accuracy_at_once() {
 /// read, or in the set-up that follows.
 #[test]
 fn a_signal_right_after_the_start_ends_with_the_documented_code() {
-    let mut rows = Vec::new();
-    for (k, delay) in [0, 1, 3, 10, 30, 100].into_iter().enumerate() {
-        for (m, signal) in ["-TERM", "-INT", "-USR1"].into_iter().enumerate() {
-            rows.push((delay, signal, [None, None, Some(2)][(k + m) % 3]));
-        }
-    }
+    let rows = [
+        (0, "-TERM", None),
+        (1, "-INT", None),
+        (3, "-USR1", Some(2)),
+        (10, "-TERM", Some(2)),
+        (30, "-INT", Some(2)),
+        (100, "-USR1", None),
+    ];
     check_all(&rows, |&(delay, signal, ranks)| {
         let place = directory();
         let job = of_case("run", "example1.toml").set(&LONG_SET_UP).into(place.path());
@@ -368,7 +363,7 @@ fn a_stopped_sweep_is_continued() {
         finished.ended(75, &[&printed, "same command"])?;
         let rows = || fs::read_to_string(place.path().join("table.csv")).unwrap_or_default();
         let rows_before = rows().lines().count();
-        let finished = sweep.on(3).succeed()?;
+        let finished = sweep.on(if number == 1 { 3 } else { 1 }).succeed()?;
         if number == 1 {
             finished
                 .contains(&finished.errors, &["[1/2] checkpoint.minutes=1e-05: finished before"])?;
@@ -398,11 +393,11 @@ fn goes_on_in_stage(
     let [before, after] =
         ranks.map(|(ranks, blocks)| job.clone().on(ranks).with(["--ranks-x", blocks]));
     let whole = directory();
-    let expected = job.clone().on(2).solve(whole.path())?;
-    let before = before.set(&[OFTEN]);
+    let expected = job.clone().solve(whole.path())?;
+    // A busy machine would keep this process from seeing the stage before the run ends.
+    let before = before.set(&[OFTEN]).undisturbed();
     let mut cut = directory();
-    // On a busy machine a run may end before this process sees the stage. Then an earlier one is
-    // tried.
+    // If that happens, an earlier stage is tried.
     for missed in 0.. {
         let path = cut.path();
         let finished = with_fault(&before.clone().into(path), Fault::Signal, |_| {
@@ -452,7 +447,7 @@ fn stages_that_are_finished_are_not_computed_again() {
         "output.plateau.points=3",
     ]);
     // A full run with inflow: the auxiliary unknowns change ranks with their cells.
-    let kept = |more: &[&str]| {
+    let kept = |more: &str| {
         Job::new(["run", &case("example2.toml"), "--mode", "full"])
             .set(&[
                 "axis.0.x.cells=32",
@@ -462,7 +457,7 @@ fn stages_that_are_finished_are_not_computed_again() {
                 "solver.warp.points=256",
                 "output.field_times=[0.3,0.6]",
             ])
-            .set(more)
+            .set(&[more])
     };
     let recorded =
         ["matvecs", "solves", "unitarity_defect", "norm_kept", "step_error", "error_estimate"];
@@ -485,15 +480,10 @@ fn stages_that_are_finished_are_not_computed_again() {
         // milliseconds per exchange.
         (elements, 9, [(2, "1"), (3, "3")]),
         (fields, 1, [(2, "1"), (3, "1")]),
-        (kept(&[]), 1, [(2, "2"), (3, "3")]),
-        (kept(&[]), 4, [(3, "1"), (4, "2")]),
-        (kept(&["solver.warp.alpha='2 - p'"]), 1, [(3, "1"), (2, "2")]),
-        (kept(&["solver.warp.inflow='full'"]), 0, [(1, "1"), (4, "4")]),
-        (kept(&["solver.warp.inflow='full'"]), 5, [(4, "2"), (1, "1")]),
+        (kept("solver.warp.alpha='2 - p'"), 4, [(3, "1"), (4, "2")]),
+        (kept("solver.warp.inflow='full'"), 0, [(1, "1"), (4, "4")]),
     ];
-    check_all(&rows, |(job, stage, ranks)| {
-        goes_on_in_stage(&job.clone().undisturbed(), *stage, *ranks, &recorded)
-    });
+    check_all(&rows, |(job, stage, ranks)| goes_on_in_stage(job, *stage, *ranks, &recorded));
 }
 
 #[test]
@@ -501,15 +491,18 @@ fn runs_stop_before_their_walltime_ends_and_are_continued() {
     LazyLock::force(&WHOLE);
     let mut place = directory();
     // The times of the start and of the whole run depend on the load of the machine. This finds a
-    // wall time between them.
-    let (mut pieces, mut seconds) = (0, 0.5_f64);
+    // wall time between them, for the first piece. A second piece may take twice as long.
+    let (mut pieces, mut seconds) = (0, 1.0_f64);
     for attempt in 1.. {
         let time = format!("{seconds}s");
         let job = run().on(2).into(place.path()).with(["--resume", "--walltime", &time]);
         let finished = job.run().expect("a run");
         let printed = finished.errors.contains(&format!("--walltime {seconds}"));
         match finished.code {
-            Some(75) if printed && finished.seconds < seconds + 20.0 => pieces += 1,
+            Some(75) if printed && finished.seconds < seconds + 20.0 => {
+                pieces += 1;
+                seconds *= 2.0;
+            }
             Some(2) if printed => seconds = (125.0 * seconds).ceil() / 100.0,
             Some(0) if pieces == 0 => {
                 seconds = (80.0 * seconds).floor().max(1.0) / 100.0;
@@ -528,11 +521,8 @@ fn runs_stop_before_their_walltime_ends_and_are_continued() {
 #[test]
 fn a_walltime_too_short_for_any_work_is_an_error() {
     let directory = directory();
-    for ranks in [1, 3] {
-        let job = run().on(ranks).into(directory.path()).with(["--walltime", "0.01"]);
-        let finished = job.run().expect("a run");
-        finished.ended(2, &["--walltime 0.01"]).unwrap();
-    }
+    let job = run().on(3).into(directory.path()).with(["--walltime", "0.01"]);
+    job.run().expect("a run").ended(2, &["--walltime 0.01"]).unwrap();
     assert!(!directory.path().join("checkpoint").exists());
     // The same holds for a sweep. Otherwise its job script would submit it again for ever.
     let sweep = Job::new(["sweep", &case("example1.toml"), "--vary", "time.end=1,2"]).set(&LONG);
@@ -546,7 +536,7 @@ fn a_walltime_too_short_for_any_work_is_an_error() {
 fn rests_of_checkpoints_beside_finished_results_are_removed() {
     let place = directory();
     let path = place.path();
-    let job = || run().set(&["time.end=0.1", "solver.tolerance=0.01"]).into(path).on(2);
+    let job = || run().set(&["time.end=0.1", "solver.tolerance=0.01"]).into(path);
     job().succeed().expect("a run");
     let checkpoint = path.join("checkpoint");
     let part = checkpoint.join("000003/rank-00001.bin");
@@ -568,8 +558,8 @@ fn finished_work_is_not_computed_again() {
     let place = directory();
     let path = place.path();
     let first = ["time.end=0.1", "output.warped_field=true", "solver.tolerance=0.01"];
-    let job = |settings: &[&str]| run().set(&first).set(settings).into(path).on(2);
-    job(&[]).succeed().expect("a run");
+    let job = |settings: &[&str]| run().set(&first).set(settings).into(path);
+    job(&[]).on(2).succeed().expect("a run");
     let printed = |finished: &Finished| finished.output.contains("the run is finished");
     // Settings, and whether the finished run is theirs; other results are not replaced without
     // --force.

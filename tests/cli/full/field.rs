@@ -4,100 +4,139 @@
 use super::{ALL, POINTS, read_at, small, warped};
 use crate::dense::{self, System, evolve};
 use crate::support::{
-    Job, Stored, case, change_hdf5, check_all, datasets, datasets_of, differences, directory,
-    distance, of_case, on_results, stored_plan,
+    Job, Stored, Summary, case, change_hdf5, check_all, datasets, datasets_of, differences,
+    directory, distance, names_in, of_case, on_results, stored_plan,
 };
 use num_complex::Complex64;
 use phasewarp::plan::memory::program_file_bytes;
 use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A case whose full runs are compared with its streamed run.
+struct FullRun {
+    name: &'static str,
+    grid: &'static [&'static str],
+    settings: &'static [&'static str],
+    /// The fields of which the run writes warped ones.
+    fields: &'static [&'static str],
+    /// Ranks and `--ranks-x`.
+    meshes: &'static [(usize, &'static str)],
+}
+
+const LINE: &[&str] = &["axis.0.x.cells=15", "axis.0.v.cells=14"];
+const PLANE: &[&str] =
+    &["axis.0.x.cells=6", "axis.1.x.cells=5", "axis.0.v.cells=4", "axis.1.v.cells=5"];
+const ELEMENTS: &[&str] = &["axis.0.x.cells=6", "axis.0.v.cells=4", "axis.0.v.degree=3"];
+
+/// The first one on all meshes, the others on two of them. With split space, an implicit method
+/// uses a Krylov solver and has other bits.
+const FULL_RUNS: [FullRun; 8] = [
+    FullRun {
+        name: "inflow_barrier.toml",
+        grid: ELEMENTS,
+        settings: &["scheme.degree=2"],
+        fields: &["f"],
+        meshes: &[(1, "1"), (2, "1"), (3, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "partial_reflection.toml",
+        grid: ELEMENTS,
+        settings: &["scheme.degree=1", "output.field_times=[0.3]", "solver.tolerance=1e-4"],
+        fields: &["f", "f_0001"],
+        meshes: &[(1, "1"), (3, "1")],
+    },
+    FullRun {
+        name: "example1.toml",
+        grid: LINE,
+        settings: &["output.plateau={points=3}"],
+        fields: &["f"],
+        meshes: &[(2, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "example1.toml",
+        grid: LINE,
+        settings: &["output.moments_every=0.3", "output.field_times=[0.3, 0.7]"],
+        fields: &["f", "f_0001", "f_0002"],
+        meshes: &[(1, "1"), (3, "1")],
+    },
+    FullRun {
+        name: "inflow_barrier.toml",
+        grid: LINE,
+        settings: &[],
+        fields: &["f"],
+        meshes: &[(2, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "example3.toml",
+        grid: PLANE,
+        settings: &["output.field_times=[0.1]"],
+        fields: &["phi", "psi_x", "psi_y", "phi_0001", "psi_x_0001", "psi_y_0001"],
+        meshes: &[(1, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "example1.toml",
+        grid: LINE,
+        settings: &["solver.propagator.method=krylov"],
+        fields: &["f"],
+        meshes: &[(3, "1"), (4, "2")],
+    },
+    FullRun {
+        name: "example1.toml",
+        grid: LINE,
+        settings: &[
+            "solver.propagator={method='crank-nicolson', step=0.05}",
+            "solver.tolerance=1e-3",
+            "output.field_times=[0.4]",
+        ],
+        fields: &["f", "f_0001"],
+        meshes: &[(2, "1"), (3, "1")],
+    },
+];
 
 /// A full run recovers the same bits as the streamed run on any ranks and mesh, also with several
 /// fields, inflow, output times, and propagators whose modes depend on the batch. Its files have
 /// the same bits on any ranks.
 #[test]
 fn full_runs_recover_what_streamed_ones_do() {
-    let line: &[&str] = &["axis.0.x.cells=15", "axis.0.v.cells=14"];
-    let plane: &[&str] =
-        &["axis.0.x.cells=6", "axis.1.x.cells=5", "axis.0.v.cells=4", "axis.1.v.cells=5"];
-    type Row =
-        (&'static str, &'static [&'static str], &'static [&'static str], &'static [&'static str]);
-    let elements: &[&str] = &["axis.0.x.cells=6", "axis.0.v.cells=4", "axis.0.v.degree=3"];
-    let rows: [Row; 8] = [
-        ("inflow_barrier.toml", elements, &["scheme.degree=2"], &["f"]),
-        (
-            "partial_reflection.toml",
-            elements,
-            &["scheme.degree=1", "output.field_times=[0.3]", "solver.tolerance=1e-4"],
-            &["f", "f_0001"],
-        ),
-        ("example1.toml", line, &["output.plateau={points=3}"], &["f"]),
-        (
-            "example1.toml",
-            line,
-            &["output.moments_every=0.3", "output.field_times=[0.3, 0.7]"],
-            &["f", "f_0001", "f_0002"],
-        ),
-        ("inflow_barrier.toml", line, &[], &["f"]),
-        (
-            "example3.toml",
-            plane,
-            &["output.field_times=[0.1]"],
-            &["phi", "psi_x", "psi_y", "phi_0001", "psi_x_0001", "psi_y_0001"],
-        ),
-        ("example1.toml", line, &["solver.propagator.method=krylov"], &["f"]),
-        (
-            "example1.toml",
-            line,
-            &[
-                "solver.propagator={method='crank-nicolson', step=0.05}",
-                "solver.tolerance=1e-3",
-                "output.field_times=[0.4]",
-            ],
-            &["f", "f_0001"],
-        ),
-    ];
-    check_all(&rows, |(name, grid, settings, files)| {
-        let job = (of_case("run", name).set(grid).set(settings)).set(&[ALL]);
+    check_all(&FULL_RUNS, |run| {
+        let job = of_case("run", run.name).set(run.grid).set(run.settings).set(&[ALL]);
         let streamed = directory();
-        let dropped = job.clone().on(2).with(["--ranks-x", "1"]).solve(streamed.path())?;
+        let dropped = job.solve(streamed.path())?;
         let expected = datasets(streamed.path())?;
         dropped.require(dropped.value["points"].is_null(), || "points".to_owned())?;
         let mut first: Option<Vec<BTreeMap<String, Stored>>> = None;
-        for (ranks, blocks) in [(1, "1"), (2, "1"), (3, "1"), (4, "2")] {
-            // With split space, an implicit method uses a Krylov solver and has other bits.
-            if name == &"example1.toml" && settings.len() == 3 && blocks != "1" {
-                continue;
-            }
+        for &(ranks, blocks) in run.meshes {
             let place = directory();
             let job = job.clone().with(["--mode", "full", "--ranks-x", blocks]);
             let summary = job.on(ranks).solve(place.path())?;
             let changed = differences(&datasets(place.path())?, &expected);
             summary.require(changed == ["/plan"], || format!("other {changed:?}"))?;
-            let found: Vec<BTreeMap<String, Stored>> = files
-                .iter()
-                .map(|file| datasets_of(&place.path().join(format!("warped_{file}.h5"))))
-                .collect::<Result<_, String>>()?;
-            let points = found[0]["/axis/p"].numbers().len();
-            let shape = &found[0]["/w"].shape;
-            summary.require(shape.last() == Some(&points), || format!("{shape:?}"))?;
-            let reported = summary.number("points")? as usize;
-            summary.require(reported == points, || format!("{reported} and {points} points"))?;
-            let written = std::fs::read_dir(place.path()).map_err(|e| e.to_string())?;
-            let names = written.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
-            let number = names.filter(|name| name.starts_with("warped_")).count();
-            summary.require(number == files.len(), || format!("{number} files"))?;
-            match &first {
-                None => first = Some(found),
-                Some(first) => {
-                    for (a, b) in first.iter().zip(&found) {
-                        let changed = differences(a, b);
-                        summary.require(changed.is_empty(), || format!("other {changed:?}"))?;
-                    }
-                }
+            let found = warped_fields(&summary, place.path(), run.fields)?;
+            for (a, b) in first.get_or_insert_with(|| found.clone()).iter().zip(&found) {
+                let changed = differences(a, b);
+                summary.require(changed.is_empty(), || format!("other {changed:?}"))?;
             }
         }
         Ok(())
     });
+}
+
+/// The warped fields of a run. There are no others, and they have the points of the summary.
+fn warped_fields(
+    summary: &Summary,
+    place: &Path,
+    fields: &[&str],
+) -> Result<Vec<BTreeMap<String, Stored>>, String> {
+    let files = fields.iter().map(|field| place.join(format!("warped_{field}.h5")));
+    let found: Vec<_> = files.map(|file| datasets_of(&file)).collect::<Result<_, _>>()?;
+    let points = found[0]["/axis/p"].numbers().len();
+    let shape = &found[0]["/w"].shape;
+    summary.require(shape.last() == Some(&points), || format!("{shape:?}"))?;
+    let reported = summary.number("points")? as usize;
+    summary.require(reported == points, || format!("{reported} and {points} points"))?;
+    let number = names_in(place).iter().filter(|name| name.starts_with("warped_")).count();
+    summary.require(number == fields.len(), || format!("{number} files"))?;
+    Ok(found)
 }
 
 /// The field that is read at p◇ and the plateau equal `e^p w` at the points of the file, also at an
@@ -202,7 +241,7 @@ fn older_warped_fields_are_removed() {
     let place = directory();
     let path = place.path();
     let first = small(&["output.field_times=[0.3,0.6]"]).with(["--mode", "full"]);
-    first.on(2).solve(path).unwrap();
+    first.solve(path).unwrap();
     for name in ["warped_psi_x.h5", "warped_phi_0001.h5", "warped_mine.h5", "warped_f_1.h5"] {
         std::fs::copy(path.join("warped_f.h5"), path.join(name)).unwrap();
     }
@@ -215,13 +254,13 @@ fn older_warped_fields_are_removed() {
     };
     assert_eq!(left().len(), 7);
     let second = small(&["output.field_times=[0.3]"]).with(["--mode", "full"]);
-    second.on(1).with(["--force"]).solve(path).unwrap();
+    second.on(2).with(["--force"]).solve(path).unwrap();
     let others = ["warped_f_1.h5", "warped_mine.h5"];
     assert_eq!(left(), ["warped_f.h5", "warped_f_0001.h5", others[0], others[1]]);
     let file = path.join("warped_f_0001.h5").display().to_string();
     let from = format!("initial={{warped='{file}'}}");
     let forced = |settings: &[&str]| small(settings).with(["--force"]);
-    forced(&[&from, "time.end=0.1"]).on(3).solve(path).unwrap();
+    forced(&[&from, "time.end=0.1"]).solve(path).unwrap();
     assert_eq!(left(), ["warped_f_0001.h5", others[0], others[1]]);
     forced(&["axis.0.x.cells=15"]).solve(path).unwrap();
     assert_eq!(left(), others);
@@ -233,7 +272,7 @@ fn a_directory_with_the_name_of_a_warped_field_is_refused() {
     let place = directory();
     std::fs::create_dir(place.path().join("warped_f_0001.h5")).unwrap();
     let job = small(&["output.field_times=[0.3]"]).into(place.path());
-    job.clone().on(2).succeed().unwrap();
+    job.clone().succeed().unwrap();
     let job = job.with(["--mode", "full", "--force"]).on(2);
     job.is_refused(&["warped_f_0001.h5 in it is a directory"]).unwrap();
 }
@@ -243,9 +282,9 @@ fn a_directory_with_the_name_of_a_warped_field_is_refused() {
 fn damage_to_a_warped_field_is_found() {
     let place = directory();
     let early = ["output.field_times=[0.5]", "output.warped_field=true"];
-    small(&early).on(2).solve(place.path()).unwrap();
-    let check = || on_results("check-result", place.path()).on(2);
-    let printed = check().succeed().unwrap().output;
+    small(&early).solve(place.path()).unwrap();
+    let check = || on_results("check-result", place.path());
+    let printed = check().on(2).succeed().unwrap().output;
     for name in ["result.h5", "warped_f.h5", "warped_f_0001.h5"] {
         assert!(printed.contains(name), "{printed}");
     }
@@ -262,7 +301,7 @@ fn damage_to_a_warped_field_is_found() {
     // No run starts from the damaged file.
     let from = format!("initial={{warped='{}'}}", path.display());
     let again = small(&[&from]).with(["--force"]);
-    let finished = again.into(place.path()).on(2).run().unwrap();
+    let finished = again.into(place.path()).run().unwrap();
     finished.ended(2, &["checksum"]).unwrap();
 }
 
@@ -287,23 +326,23 @@ fn stored_modes_are_planned() {
     assert!((exactly..exactly + exactly / 100).contains(&kept), "{kept} {exactly}");
     assert!(array(&full, "buffers of the transpose").unwrap() < 17 << 20);
     assert_eq!(full["warp"]["points"], 1024);
-    for command in ["plan", "check"] {
-        // The option and the key have the same output. A plan without a memory limit would print
-        // the free memory of this machine, which changes.
-        let memory = ["--memory-per-rank", "4GiB"].map(|word| (command == "plan").then_some(word));
-        let job = || {
-            let job = of_case(command, "example1.toml").set(&settings[..1]);
-            job.with(memory.into_iter().flatten())
-        };
-        let option = job().with(["--mode", "full"]).succeed().unwrap();
-        let key = job().set(&settings[1..]).succeed().unwrap();
-        assert_eq!(option.output, key.output);
-        let undone = job().set(&settings[1..]).with(["--mode", "streamed"]);
-        let streamed = job().succeed().unwrap().output;
-        assert_eq!(undone.succeed().unwrap().output, streamed);
-        // Control: the outputs of full and streamed runs differ.
-        assert_ne!(streamed, option.output);
-    }
+    // The option and the key have the same output. A plan without a memory limit would print the
+    // free memory of this machine, which changes.
+    let output = |settings: &[&str], mode: &[&str]| {
+        let job = of_case("plan", "example1.toml").set(settings).with(mode.iter().copied());
+        job.with(["--memory-per-rank", "4GiB"]).succeed().unwrap().output
+    };
+    let streamed = output(&settings[..1], &[]);
+    let full = output(&settings, &[]);
+    assert_eq!(output(&settings[..1], &["--mode", "full"]), full);
+    assert_eq!(output(&settings, &["--mode", "streamed"]), streamed);
+    // Control: the outputs of full and streamed runs differ.
+    assert_ne!(streamed, full);
+    let checked = |settings: &[&str], mode: &[&str]| {
+        let job = of_case("check", "example1.toml").set(settings).with(mode.iter().copied());
+        job.succeed().unwrap().output
+    };
+    assert_eq!(checked(&settings[..1], &["--mode", "full"]), checked(&settings, &[]));
 
     let place = directory();
     let refused = |settings: &[&str], wording: &str| {

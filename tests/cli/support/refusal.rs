@@ -112,9 +112,9 @@ impl Mistake {
         Ok(())
     }
 
-    /// Checks that `phasewarp check` on two ranks refuses the mistake.
-    pub fn refused_by_program(&self) -> Result<(), String> {
-        self.job().on(2).is_refused(&self.wording())
+    /// Checks that `phasewarp check` on so many ranks refuses the mistake.
+    pub fn refused_by_program(&self, ranks: usize) -> Result<(), String> {
+        self.job().on(ranks).is_refused(&self.wording())
     }
 
     fn job(&self) -> Job {
@@ -127,17 +127,16 @@ impl Mistake {
     }
 }
 
-/// Checks that the reader refuses the mistakes of all rows, and that the program refuses those of
-/// the first, the middle and the last row. `mistake` may write files into the directory that it
-/// gets.
+/// Checks that the reader refuses the mistakes of all rows, and that the program refuses that of
+/// the first row on two ranks and that of the last one alone. `mistake` may write files into the
+/// directory that it gets.
 pub fn all_refused<T: Sync>(rows: &[T], mistake: impl Fn(&T, &Path) -> Mistake + Sync) {
-    let by_program = [0, rows.len() / 2, rows.len() - 1];
     let rows: Vec<(usize, &T)> = rows.iter().enumerate().collect();
     check_all(&rows, |(k, row)| {
         let place = directory();
         let mistake = mistake(row, place.path());
-        if by_program.contains(k) {
-            mistake.refused_by_program()?;
+        if *k == 0 || k + 1 == rows.len() {
+            mistake.refused_by_program(if *k == 0 { 2 } else { 1 })?;
         }
         mistake.refused_by_reader()
     });
