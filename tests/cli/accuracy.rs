@@ -708,6 +708,33 @@ fn densities_of_smeared_fields_have_large_estimates() {
     });
 }
 
+/// Phase mixing between three steps smears `f` out, but hardly the density. Particles bound the
+/// error of the density, so that its estimate is not as large as that of `f` suggests.
+#[test]
+fn densities_of_mixed_phases_have_estimates_of_their_size() {
+    let steps = r#"
+        initial.f = "exp(-((x + 5.596)/0.163)^2 - ((v - 0.459)/0.452)^2)"
+        time.end = 1.48
+        exact.kind = "characteristics"
+        scheme.degree = 6
+        potential = [
+            { where = "x < -4.59", value = 0.19 }, { where = "x < -3.82", value = -0.298 },
+            { value = 0.214 },
+        ]
+        [[axis]]
+        x = { lower = -6.13, upper = -3.05, cells = 4 }
+        v = { lower = -2, upper = 2, cells = 4 }
+    "#;
+    let place = directory();
+    let file = written(place.path(), steps).unwrap();
+    let summary = Job::new(["run", &file]).set(&[CLASSICAL]).solve(place.path()).unwrap();
+    let known = |key: &str| accuracy(&summary.value, key).unwrap();
+    let [field, density] = ["grid_estimate", "grid_density_estimate"].map(known);
+    let error = summary.number("error_density_l2_relative").unwrap();
+    let size = format!("{density} estimated, {error} measured, f {field}");
+    assert!((1.0..8.0).contains(&(density / error)) && density < 0.3 * field, "{size}");
+}
+
 /// If nothing is known about the error of the grid, the last line says why.
 #[test]
 fn unknown_errors_are_called_unknown() {

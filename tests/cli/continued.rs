@@ -372,3 +372,25 @@ fn other_commands_take_a_field() {
         }
     });
 }
+
+/// Characteristics of a second part with another inflow would be traced back to time 0 with it. So
+/// there is no exact solution in that part, nor in those that follow.
+#[test]
+fn a_part_with_another_inflow_has_no_exact_solution() {
+    let [first, second, third] = [directory(), directory(), directory()];
+    let coarse = ["axis.0.x.cells=12", "axis.0.v.cells=10", "solver.method=classical"];
+    let job = run("inflow_barrier.toml").set(&coarse).set(&["time.end=0.2"]);
+    let before = job.solve(first.path()).unwrap();
+    assert!(before.number("error_l1").is_ok());
+    let alike = on(first.path(), 0.3).solve(third.path()).unwrap();
+    assert!(alike.number("error_l1").is_ok(), "{}", alike.command);
+    let job = on(first.path(), 0.3).set(&["inflow.value=0.25"]).into(second.path());
+    let finished = job.succeed().unwrap();
+    let words: Vec<&str> = finished.output.split_whitespace().collect();
+    let left_out = "exact left out, as --set inflow.value changes the case";
+    assert!(words.join(" ").contains(left_out), "{}", finished.output);
+    let other = Summary::read(finished, second.path()).unwrap();
+    assert!(other.value["error_l1"].is_null(), "{}", other.command);
+    let later = on(second.path(), 0.4).solve(directory().path()).unwrap();
+    assert!(later.value["error_l1"].is_null(), "{}", later.command);
+}

@@ -1,6 +1,8 @@
 //! Embeddings of the inflow: each meets its tolerances, and inflows beyond all of them are refused.
 
-use crate::support::{check_all, directory, meets_its_tolerance, refused, run};
+use crate::support::{
+    at_most, check_all, directory, distance, field, meets_its_tolerance, refused, run,
+};
 
 /// Every embedding with planned and given δ, and shifts: the tolerance is met and the error
 /// estimate is right.
@@ -59,4 +61,27 @@ fn inflows_that_no_embedding_can_treat_are_refused() {
     let summary = run("example1.toml").set(&grid).summary().unwrap();
     let warnings = summary.warnings();
     assert!(warnings.contains("delta has no effect"), "{warnings}");
+}
+
+/// Inflow that jumps at an end of the run does not jump in it: the run is that with what enters
+/// before or after the jump.
+#[test]
+fn jumps_at_the_ends_of_a_run_are_none() {
+    let rows = [
+        ("1 if t < 0.4 else 0.2", "1"),
+        ("1 if t < 0.4 else 20", "1"),
+        ("5 if t <= 0 else 1 + 0.3*t", "1 + 0.3*t"),
+    ];
+    check_all(&rows, |(jumps, smooth)| {
+        let solve = |value: &str| {
+            let place = directory();
+            let value = format!("inflow.value='({value})*exp(-t)'");
+            let coarse = ["axis.0.x.cells=8", "axis.0.v.cells=6", "time.end=0.4", &value];
+            let summary = run("pulsed_inflow.toml").set(&coarse).solve(place.path())?;
+            summary.require(!summary.warnings().contains("jumps in time"), || value.clone())?;
+            field(place.path())
+        };
+        let off = distance(&solve(jumps)?, &solve(smooth)?);
+        at_most("distance to the smooth inflow", off, 1e-6)
+    });
 }

@@ -1,10 +1,12 @@
 //! Runs compared with exact solutions: errors and their orders, bounds of the field, refraction and
 //! mass.
 
+use crate::random_cases::{Choices, check_scenes};
 use crate::support::{
-    INTERFACES, Job, SLOPES, at_most, check_all, datasets, directory, finite_volumes, near, run,
-    shrunk, written,
+    INTERFACES, Job, SLOPES, Stored, Summary, at_most, check_all, datasets, directory,
+    finite_volumes, near, refused, run, shrunk, written,
 };
+use std::collections::BTreeMap;
 
 /// The L1 error of example 1 at two sizes. Its order is about ½, as the solution jumps.
 #[test]
@@ -333,4 +335,127 @@ fn what_enters_is_evaluated_outside_of_the_box() {
             Err(format!("{outside}: another result than of {at_end}"))
         }
     });
+}
+
+/// A mass against which errors on elements are measured is that of the formula, also where an edge
+/// of `V`, at which the density jumps, lies within an element.
+#[test]
+fn edges_within_elements_are_integrated() {
+    let text = "[[axis]]\nx = { lower = 0, upper = 3, cells = 6, boundary = \"periodic\" }\n\
+        v = { lower = -3, upper = 3, cells = 24 }\n[[potential]]\nwhere = \"x < 1.07\"\n\
+        value = 0\n[[potential]]\nvalue = 0.5\n[initial]\n\
+        f = \"exp(-v^2/0.6)*(1 if x < 1.07 else exp(-0.5/0.3))\"\n[time]\nend = 0.6\n\
+        [solver]\nmethod = \"classical\"\n[exact]\nkind = \"characteristics\"\n";
+    // ∫ exp(−v²/0.6) dv over the box; what lies beyond it is less than 1e-6 of that.
+    let velocities = (0.6 * std::f64::consts::PI).sqrt();
+    let mass = velocities * (1.07 + 1.93 * (-0.5f64 / 0.3).exp());
+    check_all(&[1, 2, 3, 8], |degree| {
+        let place = directory();
+        let path = written(place.path(), text)?;
+        let degree = format!("scheme.degree={degree}");
+        let summary = Job::new(["run", &path]).set(&[&degree]).on(2).solve(place.path())?;
+        let off = (summary.number("mass_exact")? / mass - 1.0).abs();
+        summary.holds(at_most("error of mass_exact", off, 1e-5))
+    });
+}
+
+/// In random scenes, a function of the energy that is also what enters stays as it is: the exact
+/// solution by characteristics is the initial one, for steps, slopes and wells, on both sides of
+/// each jump, around periodic axes and at any ends of the box. The ledger sees as much enter as
+/// leave.
+#[test]
+fn random_equilibria_stay() {
+    check_scenes(24, 0.7, |choices| {
+        let text = equilibrium(choices);
+        let place = directory();
+        let path = written(place.path(), &text)?;
+        let finished = Job::new(["run", &path]).into(place.path()).run()?;
+        if finished.code == Some(2) {
+            return refused(&finished, &[]).map(|()| false);
+        }
+        let summary = Summary::read(finished, place.path())?;
+        let stored = datasets(place.path())?;
+        let (exact, expected) = (stored["/exact"].numbers(), of_energy(&stored));
+        near("values", exact.len() as f64, expected.len() as f64, 0.0)?;
+        let largest = expected.iter().copied().fold(0.0, f64::max);
+        let pairs = exact.iter().zip(&expected);
+        let off = pairs.map(|(f, e)| (f - e).abs()).fold(0.0, f64::max) / largest;
+        summary.holds(at_most("distance to the equilibrium", off, 1e-8))?;
+        let mass = &summary.value["ledger"]["mass"];
+        let [entered, entered_error, left, left_error] =
+            ["entered_estimate", "entered_error", "left_estimate", "left_error"]
+                .map(|key| mass[key].as_f64().unwrap_or(0.0));
+        let scatter = 4.0 * f64::hypot(entered_error, left_error) + 0.02 * (entered + left);
+        summary.holds(at_most("what enters less what leaves", (entered - left).abs(), scatter))?;
+        Ok(true)
+    });
+}
+
+/// `exp(−v²/2 − V)` at the nodes of stored results, velocities fastest.
+fn of_energy(stored: &BTreeMap<String, Stored>) -> Vec<f64> {
+    let mut energies = stored["/potential"].numbers();
+    for name in ["/axis/vx", "/axis/vy", "/axis/vz"] {
+        let Some(velocities) = stored.get(name) else { break };
+        let kinetic: Vec<f64> = velocities.numbers().iter().map(|v| 0.5 * v * v).collect();
+        energies = energies.iter().flat_map(|e| kinetic.iter().map(move |k| e + k)).collect();
+    }
+    energies.iter().map(|energy| (-energy).exp()).collect()
+}
+
+/// A scene with random regions of `V`, whose edges are faces, and `f = exp(−v²/2 − V)` at the start
+/// and in what enters.
+fn equilibrium(choices: &mut Choices) -> String {
+    let dimension = choices.of(&[1, 1, 2, 2, 3]);
+    let names = &["x", "y", "z"][..dimension];
+    let counts = [[4, 7, 10], [3, 4, 5], [2, 2, 3]][dimension - 1];
+    let (mut axes, mut faces) = (String::new(), Vec::new());
+    for _ in names {
+        let (lower, width) = (choices.of(&[-1.5, -0.3, 2.0]), choices.of(&[1.0, 1.75, 3.0]));
+        let cells = choices.of(&counts);
+        let boundary = choices.of(&["inflow", "inflow", "periodic"]);
+        // Elements may have jumps if v = 0 is a face.
+        let (v, upper, count) =
+            choices.of(&[(-1.2, 1.2, 4), (-1.0, 0.5, 3), (0.2, 1.8, 2), (-2.0, 0.4, 6)]);
+        axes += &format!(
+            "[[axis]]\nx = {{ lower = {lower}, upper = {}, cells = {cells}, boundary = \
+             \"{boundary}\" }}\nv = {{ lower = {v}, upper = {upper}, cells = {count} }}\n",
+            lower + width,
+        );
+        let face = |k: usize| lower + width * k as f64 / cells as f64;
+        faces.push([face(1), face(cells / 2), face(cells - 1)]);
+    }
+    let value = |choices: &mut Choices| {
+        let [slope, bend] = [[0.0, 0.0, 0.5, -0.4], [0.0, 0.0, 0.5, -0.3]];
+        format!(
+            "{} + {}*{} + {}*({} - 0.3)^2",
+            choices.of(&[0.0, 0.2, -0.3, 1.0]),
+            choices.of(&slope),
+            choices.of(names),
+            choices.of(&bend),
+            choices.of(names),
+        )
+    };
+    let mut energy = value(choices);
+    let mut regions = format!("[[potential]]\nvalue = \"{energy}\"\n");
+    for _ in 0..choices.of(&[0, 1, 1, 2]) {
+        let mut place = Vec::new();
+        for _ in 0..choices.of(&[1, 1, 2]) {
+            let k = choices.of(&[0, 1, 2][..dimension]);
+            let sign = choices.of(&["<", "<=", ">", ">="]);
+            place.push(format!("{} {sign} {:?}", names[k], choices.of(&faces[k])));
+        }
+        let (place, value) = (place.join(" && "), value(choices));
+        energy = format!("(({value}) if {place} else ({energy}))");
+        regions = format!("[[potential]]\nwhere = \"{place}\"\nvalue = \"{value}\"\n{regions}");
+    }
+    let squares: Vec<String> = names.iter().map(|name| format!("v{name}^2")).collect();
+    format!(
+        "{axes}{regions}[initial]\nf = \"exp(-({})/2 - ({energy}))\"\n[inflow]\nvalue = \
+         \"initial\"\n[time]\nend = {}\n[scheme]\ndegree = {}\n[solver]\nmethod = \
+         \"classical\"\n[solver.classical]\nintegrator = \"ssp-rk3\"\n\
+         [exact]\nkind = \"characteristics\"\n[output]\nexpand = true\n",
+        squares.join(" + "),
+        choices.of(&[0.3137, 1.0173, 2.9171]),
+        choices.of(&[0, 0, 1, if dimension < 3 { 3 } else { 1 }]),
+    )
 }

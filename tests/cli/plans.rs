@@ -37,6 +37,28 @@ fn check_describes_every_case() {
     });
 }
 
+/// `plan` warns of the case as `check` does.
+#[test]
+fn plans_have_the_warnings_of_their_case() {
+    let stray = ["potential.0.where='x < 0.013'"];
+    let warning = |finished: &Finished| {
+        let words: Vec<&str> = finished.output.split_whitespace().collect();
+        let text = words.join(" ");
+        let from = text.find("a region's edge").expect("a warning");
+        text[from..from + 80].to_owned()
+    };
+    let [checked, planned, json] = [
+        of_case("check", "example1.toml"),
+        plan("example1.toml", 1),
+        plan("example1.toml", 1).with(["--json"]),
+    ]
+    .map(|job| job.set(&stray).succeed().unwrap());
+    assert_eq!(warning(&checked), warning(&planned));
+    let json: serde_json::Value = serde_json::from_str(&json.output).unwrap();
+    let warnings = json["warnings"].as_array().unwrap();
+    assert!(warnings[0].as_str().unwrap().contains("misses the faces"), "{warnings:?}");
+}
+
 /// With and without output times, the printed degrees are those of a leg, the least one first.
 #[test]
 fn degrees_are_a_range() {
