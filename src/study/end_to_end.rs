@@ -41,6 +41,7 @@ use crate::quantum::optimise::{scheme_of, unitary_of};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
+use crate::run::exact::solution::ExactValues;
 use crate::study::choices::DEGREES;
 use crate::study::density::{exact_density, mean_size};
 use crate::study::end_to_end::measured::MeasuredScheme;
@@ -49,9 +50,7 @@ pub use crate::study::end_to_end::methods::{
 };
 use crate::study::end_to_end::task::{Candidate, DensityTask};
 use crate::study::end_to_end::text::verdict;
-use crate::study::end_to_end::traced::{
-    BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity, Values,
-};
+use crate::study::end_to_end::traced::{BATCH, DensityAtPoint, MOST_SAMPLED, TracedDensity};
 use crate::study::grids::{cells, degree_settings, of_degree};
 
 /// Units of progress: two units a degree and scheme, and one for slopes.
@@ -78,8 +77,8 @@ impl EndToEnd {
         let progress = Progress::new(world.group().is_first(), "resources", UNITS).into();
         let exact = exact_of(case)?;
         let PointOfTask { point, mean } = PointOfTask::new(world, case, &exact)?;
-        let tracer = Tracer::new(case)?;
-        let at_point = DensityAtPoint { case, point, value: exact_values(case, &exact, &tracer) };
+        let values = &exact_values(case, &exact)?;
+        let at_point = DensityAtPoint { case, point, values };
         let traced = at_point.by_quadrature(accuracy);
         let density_of_mean = traced.density.abs() / mean;
         if density_of_mean < LEAST_SHARE {
@@ -212,13 +211,14 @@ fn exact_of(case: &Case) -> Result<Exact> {
     }
 }
 
-/// The exact `f(T)`: by the formula where `V` reflects in part, else by characteristics.
-fn exact_values<'a>(case: &'a Case, exact: &'a Exact, tracer: &'a Tracer<'a>) -> Values<'a> {
+/// The exact solution: by the formula where `V` reflects in part, else by characteristics.
+///
+/// # Errors
+/// As [`Tracer::new`].
+fn exact_values<'a>(case: &'a Case, exact: &'a Exact) -> Result<ExactValues<'a>> {
     match exact {
-        Exact::Formula(formula) if case.reflects() => {
-            Box::new(|at| formula.at_points(std::slice::from_ref(at), case.end)[0])
-        }
-        _ => Box::new(|at| tracer.value(at, case.end)),
+        Exact::Formula(formula) if case.reflects() => Ok(ExactValues::Given(formula)),
+        _ => Ok(ExactValues::Traced(Tracer::new(case)?.into())),
     }
 }
 

@@ -40,6 +40,16 @@ impl VelocityIntegral {
     }
 }
 
+/// An integral, and the values of the solution that it took.
+pub struct SampledIntegral {
+    /// The integral.
+    pub integral: VelocityIntegral,
+    /// Number of these values.
+    pub points: usize,
+    /// The largest `|f|` of them.
+    pub largest: f64,
+}
+
 /// A part of the velocity box.
 struct VelocityPanel {
     lower: [f64; MAX_DIMENSION],
@@ -77,6 +87,8 @@ pub struct PanelRule<'a> {
     pub panels: Vec<usize>,
     /// The allowed error of a density.
     pub tolerance: f64,
+    /// The allowed error relative to the density, where that is larger.
+    pub relative: f64,
     /// Points that an integral may take.
     pub most: usize,
     /// Points that all integrals may take together, about.
@@ -113,6 +125,7 @@ impl<'a> PanelRule<'a> {
             space,
             panels,
             tolerance: 0.0,
+            relative: 0.0,
             most: 0,
             together: 0,
             is_limited: false,
@@ -123,18 +136,26 @@ impl<'a> PanelRule<'a> {
 
     /// The integral at a position.
     pub fn at(&self, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
+        self.sampled(position).integral
+    }
+
+    /// The integral at a position, with the values that it took.
+    pub fn sampled(&self, position: &[f64; MAX_DIMENSION]) -> SampledIntegral {
         let mut panels = self.first_panels(position);
-        let mut left = self.most.saturating_sub(points_of(&self.panels));
+        let mut points = points_of(&self.panels);
         let new_points = (POINTS - 1) * self.weights.len() / POINTS;
         loop {
             let error = panels.iter().map(|panel| panel.error * panel.error).sum::<f64>().sqrt();
             // Panels with NaN do not count, as `max` ignores it.
             let largest = panels.iter().map(|panel| panel.error).fold(0.0, f64::max);
-            let allowed = left / new_points;
-            if error <= self.tolerance || error.is_nan() || allowed == 0 {
+            let allowed = self.most.saturating_sub(points) / new_points;
+            if error <= self.allowed_error(&panels) || error.is_nan() || allowed == 0 {
                 let found = self.integral(&panels, error);
                 let error = error + self.unseen * found.moments[0].abs();
-                return VelocityIntegral { error, ..found };
+                let values = panels.iter().flat_map(|panel| &panel.values);
+                let largest = values.fold(0.0, |largest, f| f64::max(largest, f.abs()));
+                let integral = VelocityIntegral { error, ..found };
+                return SampledIntegral { integral, points, largest };
             }
             let (mut open, mut k) = (Vec::new(), 0);
             while k < panels.len() && open.len() < allowed {
@@ -144,9 +165,17 @@ impl<'a> PanelRule<'a> {
                     k += 1
                 }
             }
-            left -= open.len() * new_points;
+            points += open.len() * new_points;
             panels.extend(self.halves(position, &open));
         }
+    }
+
+    /// The error that the density over `panels` may have.
+    fn allowed_error(&self, panels: &[VelocityPanel]) -> f64 {
+        if self.relative == 0.0 {
+            return self.tolerance;
+        }
+        self.tolerance.max(self.relative * self.integral(panels, 0.0).moments[0].abs())
     }
 
     /// The integral over `panels`.
