@@ -6,7 +6,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::text::time_text;
 use crate::parallel::communicator::World;
-use crate::problem::case::{Case, Limiter, Method, Reductions};
+use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::PhaseSpace;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
@@ -32,12 +32,6 @@ const COMPARED: f64 = 0.1;
 const QUICK: f64 = 5e-4;
 /// Number of runs of such a trial.
 const REPEATS: usize = 3;
-/// Part of the budget that predictions may take.
-const PREDICTING: f64 = 0.1;
-/// Seconds a cell that the reduction of a grid takes, before that is measured.
-const REDUCING: f64 = 1e-7;
-/// Shortest time in seconds from which this rate is measured.
-const MEASURABLE: f64 = 0.01;
 
 /// The key of the reduction of a case, which depends on its grid and its scheme.
 fn reduction_key(case: &Case) -> GridKey {
@@ -50,12 +44,6 @@ struct ReducedGrid {
     key: GridKey,
     space: PhaseSpace,
     reductions: Reductions,
-}
-
-/// Seconds a cell that a reduction took, on a grid of `cells` cells.
-struct ReducingRate {
-    seconds_per_cell: f64,
-    cells: usize,
 }
 
 /// Expected seconds of a trial.
@@ -90,9 +78,6 @@ pub(crate) struct Attempts<'a> {
     budget: Budget,
     /// Whether the budget is used up, on all ranks.
     over: bool,
-    /// Seconds that predictions took on this rank.
-    seconds_predicting: f64,
-    reducing: ReducingRate,
     cost: CostModel,
     reduced_grids: Vec<ReducedGrid>,
     tried: Vec<Setting>,
@@ -121,8 +106,6 @@ impl<'a> Attempts<'a> {
             jumps,
             budget,
             over: false,
-            seconds_predicting: 0.0,
-            reducing: ReducingRate { seconds_per_cell: REDUCING, cells: 0 },
             cost: CostModel::default(),
             reduced_grids: Vec::new(),
             tried: Vec::new(),
@@ -248,7 +231,7 @@ impl<'a> Attempts<'a> {
         }
         if self.with_known_reduction(case).is_none() {
             let least = self.least_seconds(case);
-            if self.budget.decide(self.cannot_be_reduced(&case.space, setup, least)) {
+            if !self.budget.decide(self.fits(setup, least)) {
                 return Ok(TrialOutcome::longer_than(least));
             }
         }
@@ -327,32 +310,15 @@ impl<'a> Attempts<'a> {
         self.cost.overhead(case, part * case.space.cells() as f64)
     }
 
-    /// Whether there is no time to reduce the grid of `case`, or its trial takes too long anyway.
-    fn cannot_be_reduced(&self, space: &PhaseSpace, setup: &Setup, least: f64) -> bool {
-        let seconds = self.reducing.seconds_per_cell * space.cells() as f64;
-        // A grid no larger than those reduced so far is always reduced: else few methods are tried.
-        let fewest = self.reduced_grids.iter().map(|grid| grid.key.cells()).min();
-        let larger = fewest.is_some_and(|fewest| space.cells() > fewest);
-        let spent = larger && self.seconds_predicting + seconds > PREDICTING * self.budget.limit();
-        (self.has_results() && spent) || !self.fits(setup, least + seconds)
-    }
-
     /// Expected seconds of a trial of `case`, and the error if it cannot be planned. They are a
-    /// lower bound if there is no time to plan it, or if it takes much too long anyway.
+    /// lower bound if it takes much too long anyway.
     fn expect(&mut self, case: &Case) -> (ExpectedSeconds, Option<Error>) {
         let least = self.cost.overhead(case, case.space.cells() as f64);
         let at_least = |seconds| ExpectedSeconds { seconds, at_least: true };
-        let limit = self.budget.limit();
-        // Planning the profile of modes takes time; counting classical steps does not.
-        let spent =
-            case.method == Method::Schrodingerized && self.seconds_predicting > PREDICTING * limit;
-        if self.has_results() && (spent || least > LARGEST_PART * limit) {
+        if self.has_results() && least > LARGEST_PART * self.budget.limit() {
             return (at_least(least), None);
         }
-        let began = Instant::now();
-        let work = self.cost.work(case);
-        self.seconds_predicting += began.elapsed().as_secs_f64();
-        match work {
+        match self.cost.work(case) {
             Ok(work) => {
                 let expected =
                     ExpectedSeconds { seconds: self.cost.seconds(case, work), at_least: false };
@@ -378,15 +344,7 @@ impl<'a> Attempts<'a> {
         if let Some(known) = self.with_known_reduction(case) {
             return Ok(known);
         }
-        let began = Instant::now();
-        let found = reduced(self.budget.group(), case);
-        let seconds = began.elapsed().as_secs_f64();
-        self.seconds_predicting += seconds;
-        let cells = case.space.cells();
-        if seconds > MEASURABLE && cells >= self.reducing.cells {
-            self.reducing = ReducingRate { seconds_per_cell: seconds / cells as f64, cells };
-        }
-        let found = found?;
+        let found = reduced(self.budget.group(), case)?;
         self.reduced_grids.push(ReducedGrid {
             key: reduction_key(case),
             space: found.space.clone(),
@@ -445,7 +403,6 @@ impl<'a> Attempts<'a> {
         if self.elapsed() > self.budget.limit() {
             return Some("the budget was used up before it".to_owned());
         }
-        let began = Instant::now();
         let (mut sum, mut bound) = (0.0, "");
         for setting in settings {
             let case = setting.apply(self.base(&setting.space), None);
@@ -460,7 +417,6 @@ impl<'a> Attempts<'a> {
                 sum += self.cost.seconds(&case, work);
             }
         }
-        self.seconds_predicting += began.elapsed().as_secs_f64();
         (sum > allowed).then(|| {
             format!(
                 "a trial of each profile there is expected to take {bound}{} in all, \
