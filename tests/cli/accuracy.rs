@@ -770,10 +770,13 @@ fn words(settings: &[String]) -> Vec<&str> {
     settings.iter().map(String::as_str).collect()
 }
 
+/// Numbers of ranks, each with the blocks along the space axes.
+type Meshes = &'static [(usize, &'static str)];
+
 /// Errors and estimates are sums over the ranks, with the same bits on any number of ranks.
 #[test]
 fn errors_of_the_grid_are_the_same_on_any_ranks() {
-    let rows: [(&str, Vec<String>, &[(usize, &str)]); 4] = [
+    let rows: [(&str, Vec<String>, Meshes); 4] = [
         ("smooth-beams.toml", elements(2, 10).to_vec(), &[(2, "1"), (3, "3")]),
         ("smooth-beams.toml", elements(0, 26).to_vec(), &[(4, "2")]),
         // Degree 0 along x takes the flux across the faces of blocks.
