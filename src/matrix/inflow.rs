@@ -82,7 +82,10 @@ impl VaryingInflow {
     /// `b_i(time)` of `field` for each row with inflow.
     pub fn values(&self, field: &LiouvilleField, time: f64) -> impl Iterator<Item = f64> {
         let formula = field.entering();
-        self.sums(move |point| formula.at_point(point, time))
+        // A formula of t alone has one value.
+        let everywhere = (0..6).all(|k| !formula.depends_on(k));
+        let value = everywhere.then(|| formula.at_point(&[0.0; 6], time));
+        self.sums(move |point| value.unwrap_or_else(|| formula.at_point(point, time)))
     }
 
     /// `Σ rate · value(point)` for each row with inflow.

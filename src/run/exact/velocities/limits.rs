@@ -131,6 +131,9 @@ fn points_to_search(case: &Case) -> f64 {
     ((positions + compared) * points_of(&panels_of(case))) as f64
 }
 
+/// All points are shared out among at least so many positions: a cell with a front takes many.
+const FEWEST_POSITIONS: f64 = 64.0;
+
 /// Points that an integral may take of so many `positions` on the grid of `case`.
 pub fn most_at(case: &Case, positions: f64) -> f64 {
     let first = points_of(&panels_of(case));
@@ -139,7 +142,7 @@ pub fn most_at(case: &Case, positions: f64) -> f64 {
     } else {
         IntegrationLimits::of(&case.space).most.max(2 * first)
     };
-    (least as f64).max((allowance(case) as f64 / positions.max(1.0)).floor())
+    (least as f64).max((allowance(case) as f64 / positions.max(FEWEST_POSITIONS)).floor())
 }
 
 /// About the largest number of points that integrals at so many `positions` take. In one dimension
