@@ -247,11 +247,11 @@ pub fn blocked_steps(world: &World) {
 /// The candidates that are planned for small caches give the same bits as single steps: ranges of
 /// velocities, elements with a force in few cells or everywhere, other candidates on each rank.
 ///
-/// On more than two ranks, each mesh is tested with one of the six pairs of caches, in turn, as
+/// On more than two ranks, each mesh is tested with two of the six pairs of caches, in turn, as
 /// ranks that share a core wait for each other at every step.
 pub fn planned_blockings(world: &World) {
     let pairs = [16e3, 64e3, 256e3].map(|own| [own, 8.0 * own].map(|last| Caches { own, last }));
-    let apart = if world.group().size() > 2 { 6 } else { 1 };
+    let apart = if world.group().size() > 2 { 3 } else { 1 };
     let settings = |degree: usize, potential: &str| {
         vec![format!("scheme.degree={degree}"), format!("potential=[{potential},{{value='0'}}]")]
     };

@@ -156,13 +156,18 @@ impl<'a> Attempts<'a> {
             .filter_map(|entry| entry.expected_seconds.map(|seconds| (seconds, &entry.grid)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         let (seconds, grid) = quickest.map_or((0.0, ""), |(seconds, grid)| (seconds, grid));
+        let limit = self.budget.limit();
+        let why = if seconds < limit {
+            format!("no time is left for a run on {grid}, the coarsest grid")
+        } else {
+            let seconds = time_text(seconds);
+            format!("a run on {grid}, the coarsest grid, is expected to take at least {seconds}")
+        };
         let none_fits = || {
             Error::Input(format!(
-                "{}: --budget {} s: a run on {grid}, the coarsest grid, is expected to take at \
-                 least {}; fewer cells (axis.N.x.cells, axis.N.v.cells) or a longer budget",
-                self.case.name,
-                self.budget.limit(),
-                time_text(seconds)
+                "{}: --budget {limit} s: {why}; fewer cells (axis.N.x.cells, axis.N.v.cells) or a \
+                 longer budget",
+                self.case.name
             ))
         };
         first_error.unwrap_or_else(none_fits)
