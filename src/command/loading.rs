@@ -64,8 +64,12 @@ struct Continuation {
 const KEYS_OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.end"];
 /// Keys that list output times of the first part.
 const KEYS_OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
-/// Beginnings of the keys on which paths and inflow depend.
-const KEYS_OF_PATHS: [&str; 3] = ["potential", "inflow", "constants"];
+/// Beginnings of the keys on which the exact solution by characteristics depends.
+const KEYS_OF_PATHS: [&str; 5] = ["potential", "inflow", "constants", "initial", "axis"];
+/// Ends of keys of axes on which it does not depend.
+const KEYS_OF_GRID: [&str; 2] = [".cells", ".degree"];
+/// Keys by which a part chooses its own exact solution.
+const KEYS_OF_EXACT: [&str; 3] = ["exact", "exact.kind", "exact.f"];
 
 /// The case of the results in `directory`, from their time until `until`, changed by `changes`.
 /// `until` is a number or a formula of the constants of the case. Every dataset there is compared
@@ -89,8 +93,8 @@ pub fn load_continued(
     }
     if let (true, Some(key)) = (group.is_first(), &found.without_exact) {
         eprint_wrapped(&format!(
-            "--continue: exact left out, as --set {key} changes the case: characteristics would be \
-             traced back to t = 0 with the new one"
+            "--continue: exact left out, as --set {key} may change the case: characteristics would \
+             be traced back to t = 0 with the new one"
         ));
     }
     let case = with_tables(&group, &case)?.into_owned();
@@ -135,12 +139,9 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
         |key: &&str| case.settings.keys().any(|k| k.starts_with(*key)) && !keys.contains(key);
     let left_out: Vec<String> =
         KEYS_OF_TIMES.iter().filter(|key| is_given(key)).map(|key| (*key).to_owned()).collect();
-    let begin = |beginnings: &[&str]| {
-        let begins = |key: &&&str| beginnings.iter().any(|start| key.starts_with(start));
-        keys.iter().find(begins).map(|key| (*key).to_owned())
-    };
-    let is_compared = case.traces_exact() && begin(&["exact"]).is_none();
-    let without_exact = begin(&KEYS_OF_PATHS).filter(|_| is_compared);
+    let is_traced = case.traces_exact() && !keys.iter().any(|key| KEYS_OF_EXACT.contains(key));
+    let without_exact = keys.iter().filter(|_| is_traced).find(|key| changes_paths(key));
+    let without_exact = without_exact.map(|key| (*key).to_owned());
     let before = stored.overrides.iter().cloned();
     let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set)));
     let (files, tables) = carried_tables(case, &stored.provenance, &keys);
@@ -157,6 +158,12 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
         .collect();
     let name = stored.provenance.get("case_file").map_or("case", String::as_str).to_owned();
     Ok(Continuation { name, text: stored.text, overrides, left_out, without_exact, tables })
+}
+
+/// Whether the exact solution by characteristics depends on a key.
+fn changes_paths(key: &str) -> bool {
+    KEYS_OF_PATHS.iter().any(|start| key.starts_with(start))
+        && !KEYS_OF_GRID.iter().any(|end| key.ends_with(end))
 }
 
 /// The end of a run that continues the results of `case` at `time`. `keys` are changed.

@@ -172,7 +172,7 @@ fn jumps(case: &Case, matrix: &BlockMatrix) -> bool {
     let change = |a: &[f64], b: &[f64]| {
         a.iter().zip(b).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
     };
-    let (mut largest, mut place, mut last) = (0.0, 0, at(case.start_time));
+    let (mut largest, mut place, mut last) = (0.0, 0, at(sample_time(case, 0)));
     for k in 1..=SAMPLES {
         let next = at(sample_time(case, k));
         let found = change(&last, &next);

@@ -140,7 +140,8 @@ impl ProfileFamily {
         let [least, most] = self.limits;
         let ratio = (most / least).powf(f64::from(self.steps).recip());
         let point_step = FURTHEST / f64::from(POINTS);
-        let values: Vec<f64> = (0..=self.steps).map(|i| least * ratio.powi(i)).collect();
+        let values: Vec<f64> =
+            (0..=self.steps).map(|i| (least * ratio.powi(i)).min(most)).collect();
         let points = (0..=POINTS).map(|i| Some(point_step * f64::from(i)));
         let points = if self.free_point { points.collect() } else { vec![None] };
         let first = self.candidates(&values, &points);

@@ -53,6 +53,7 @@ impl ParticleErrors {
         Self {
             field: self.field.map(|error| (error - traced).max(0.0)),
             field_mean: self.field_mean.filter(|error| traced <= MOST_TRACED * error),
+            density_most: self.density_most.map(|error| error + traced),
             ..self
         }
     }

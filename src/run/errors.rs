@@ -2,8 +2,8 @@
 //!
 //! For degree 0 they are sums over cells. For higher degrees they are integrals of the polynomials
 //! over each element by Gauss's rule, with more points than nodes: at the nodes a Galerkin scheme
-//! is more accurate than in between. Elements in which a region of `V` begins or ends are cut there:
-//! the exact density may jump. The exact density and momentum are [`VelocityIntegrals`].
+//! is more accurate than in between. Elements in which a region of `V` begins or ends are cut there,
+//! as the exact density may jump. The exact density and momentum are [`VelocityIntegrals`].
 
 use crate::base::error::Result;
 use crate::base::progress::Progress;
@@ -13,6 +13,7 @@ use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
+use crate::problem::potential::oblique::oblique_edges;
 use crate::problem::potential::region_edges;
 use crate::results::summary::{ErrorNorms, GridErrors};
 use crate::run::exact::solution::ExactValues;
@@ -108,6 +109,14 @@ pub fn exact_points(case: &Case) -> f64 {
     points(&case.space, more) + expected_points(case, positions)
 }
 
+/// The edges at which elements are cut, by axis; none along velocities. None at all if an edge is
+/// oblique or curved: the exact solution meets a staircase of faces there, as the scheme does.
+fn edges_within_elements(case: &Case) -> impl Iterator<Item = Vec<f64>> {
+    let are_planes = oblique_edges(case).is_empty();
+    let edges = if are_planes { region_edges(case) } else { Vec::new() };
+    edges.into_iter().map(Option::unwrap_or_default).chain(std::iter::repeat(Vec::new()))
+}
+
 /// A quadrature rule of an element along an axis.
 struct LineRule {
     /// Points on `[−1, 1]`.
@@ -149,6 +158,8 @@ impl AxisRules {
     fn new(axis: &Axis, count: usize, edges: &[f64]) -> Self {
         /// A cut closer to a face, in halves of an element, is on the face.
         const ON_FACE: f64 = 1e-6;
+        /// An element with more cuts is not cut: its parts would take too many points.
+        const MOST_CUTS: usize = 3;
         let mut cuts: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
         for edge in edges {
             let from_lower = (edge - axis.lower) / axis.width();
@@ -162,7 +173,8 @@ impl AxisRules {
             cuts.sort_by(f64::total_cmp);
             (element, LineRule::new(axis, count, &cuts))
         };
-        let cut = cuts.into_iter().map(rule).collect();
+        let few = cuts.into_iter().filter(|(_, cuts)| cuts.len() <= MOST_CUTS);
+        let cut = few.map(rule).collect();
         Self { whole: LineRule::new(axis, count, &[]), cut }
     }
 
@@ -199,10 +211,7 @@ impl<'a> ElementSums<'a> {
     fn new(world: &Group, case: &'a Case, values_of: &'a ExactValues<'a>) -> Self {
         let space = &case.space;
         let more = more_points(space);
-        // An edge across no axis is not known.
-        let edges = region_edges(case).into_iter().map(Option::unwrap_or_default);
-        let edges = edges.chain(std::iter::repeat(Vec::new()));
-        let rules = (space.axes().zip(edges))
+        let rules = (space.axes().zip(edges_within_elements(case)))
             .map(|(axis, edges)| AxisRules::new(axis, axis.nodes.count() + more, &edges))
             .collect();
         let places = space.x.iter().map(|a| a.elements() * (a.nodes.count() + more)).product();

@@ -26,8 +26,8 @@ fn tolerances_are_met_with_every_embedding() {
     check_all(&rows, |(k, ([name, x, v], settings))| {
         let mut set = vec![*x, *v, "solver.verify=true", "solver.tolerance=1e-5"];
         set.extend(settings.iter().map(String::as_str).filter(|s| !s.is_empty()));
-        // Every embedding has runs on two ranks.
-        let ranks = if k % 3 == 0 { 2 } else { 1 };
+        // Every embedding and every δ has runs on two ranks.
+        let ranks = if k % 4 == 0 { 2 } else { 1 };
         meets_its_tolerance(&run(name).on(ranks).set(&set).summary()?)
     });
 }
@@ -84,4 +84,10 @@ fn jumps_at_the_ends_of_a_run_are_none() {
         let off = distance(&solve(jumps)?, &solve(smooth)?);
         at_most("distance to the smooth inflow", off, 1e-6)
     });
+    // A jump at the start does not hide one in the run.
+    let value = "inflow.value='5 if t <= 0 else (1 if t < 0.2 else 0.5)'";
+    let coarse = ["axis.0.x.cells=8", "axis.0.v.cells=6", "time.end=0.4", value];
+    let set = ["solver.tolerance=1e-2"];
+    let summary = run("pulsed_inflow.toml").set(&coarse).set(&set).summary().unwrap();
+    assert!(summary.warnings().contains("jumps in time"), "{}", summary.command);
 }

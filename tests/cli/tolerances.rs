@@ -144,7 +144,8 @@ fn every_propagator_runs_in_every_case() {
     // A time-dependent inflow does not support these methods.
     let names = dissipative().into_iter().filter(|name| name != "pulsed_inflow.toml");
     for (n, name) in names.enumerate() {
-        // The implicit methods alternate. Every fourth run has two ranks.
+        // The implicit methods alternate. Of four runs by Krylov one has two ranks, of four by an
+        // implicit method two.
         let (method, steps) = [("crank-nicolson", 30.0), ("backward-euler", 60.0)][n % 2];
         rows.push((name.clone(), "krylov", "1e-6", None, if n % 4 == 0 { 2 } else { 1 }));
         rows.push((name, method, "1e-2", Some(steps), if n % 4 > 1 { 2 } else { 1 }));

@@ -49,7 +49,7 @@ const CELLS: usize = 4096;
 const FROM: f64 = 0.05;
 const TO: f64 = 2.0;
 const HEIGHTS: usize = 64;
-/// The golden ratio, less one: the parts of its multiples behind the point are spread evenly.
+/// The golden ratio, less one: the fractional parts of its multiples are spread evenly.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 /// Number of spikes that are measured.
 const SPIKES: usize = 3;

@@ -131,7 +131,8 @@ fn points_to_search(case: &Case) -> f64 {
     ((positions + compared) * points_of(&panels_of(case))) as f64
 }
 
-/// All points are shared out among at least so many positions: a cell with a front takes many.
+/// All points are shared out among at least so many positions. On a few cells a position would
+/// otherwise take far more points than it needs.
 const FEWEST_POSITIONS: f64 = 64.0;
 
 /// Points that an integral may take of so many `positions` on the grid of `case`.

@@ -145,7 +145,7 @@ impl<'a> PanelRule<'a> {
         let mut points = points_of(&self.panels);
         let new_points = (POINTS - 1) * self.weights.len() / POINTS;
         loop {
-            let error = panels.iter().map(|panel| panel.error * panel.error).sum::<f64>().sqrt();
+            let error = self.error_of(&panels);
             // Panels with NaN do not count, as `max` ignores it.
             let largest = panels.iter().map(|panel| panel.error).fold(0.0, f64::max);
             let allowed = self.most.saturating_sub(points) / new_points;
@@ -167,6 +167,18 @@ impl<'a> PanelRule<'a> {
             }
             points += open.len() * new_points;
             panels.extend(self.halves(position, &open));
+        }
+    }
+
+    /// The error of the density over `panels`: the sum of theirs where an error relative to the
+    /// density is asked for, which holds for a jump across many panels. Otherwise the root of the
+    /// sum of squares, as errors have either sign.
+    fn error_of(&self, panels: &[VelocityPanel]) -> f64 {
+        let errors = panels.iter().map(|panel| panel.error);
+        if self.relative > 0.0 {
+            errors.sum()
+        } else {
+            errors.map(|error| error * error).sum::<f64>().sqrt()
         }
     }
 
