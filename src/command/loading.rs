@@ -66,8 +66,8 @@ const KEYS_OF_CONTINUATION: [&str; 3] = ["initial.field", "time.start", "time.en
 const KEYS_OF_TIMES: [&str; 2] = ["output.moment_times", "output.field_times"];
 /// Beginnings of the keys on which the exact solution by characteristics depends.
 const KEYS_OF_PATHS: [&str; 5] = ["potential", "inflow", "constants", "initial", "axis"];
-/// Ends of keys of axes on which it does not depend.
-const KEYS_OF_GRID: [&str; 2] = [".cells", ".degree"];
+/// Ends of keys of axes on which it does not depend, or which a continued run cannot change.
+const KEYS_OF_GRID: [&str; 4] = [".cells", ".degree", ".lower", ".upper"];
 /// Keys by which a part chooses its own exact solution.
 const KEYS_OF_EXACT: [&str; 3] = ["exact", "exact.kind", "exact.f"];
 

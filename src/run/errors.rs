@@ -2,8 +2,8 @@
 //!
 //! For degree 0 they are sums over cells. For higher degrees they are integrals of the polynomials
 //! over each element by Gauss's rule, with more points than nodes: at the nodes a Galerkin scheme
-//! is more accurate than in between. Elements in which a region of `V` begins or ends are cut there,
-//! as the exact density may jump. The exact density and momentum are [`VelocityIntegrals`].
+//! is more accurate than in between. Elements in which a region of `V` begins or ends are cut
+//! there, as the exact density may jump. The exact density and momentum are [`VelocityIntegrals`].
 
 use crate::base::error::Result;
 use crate::base::progress::Progress;
@@ -146,14 +146,14 @@ impl LineRule {
 }
 
 /// The quadrature rules of the elements along an axis.
-struct AxisRules {
+struct ElementRules {
     /// The rule of whole elements.
     whole: LineRule,
     /// The rules of the elements that are cut.
     cut: BTreeMap<usize, LineRule>,
 }
 
-impl AxisRules {
+impl ElementRules {
     /// Rules with `count` points in a whole element, or in a part of one between `edges`.
     fn new(axis: &Axis, count: usize, edges: &[f64]) -> Self {
         /// A cut closer to a face, in halves of an element, is on the face.
@@ -190,7 +190,7 @@ struct ElementSums<'a> {
     /// Density and momentum of the exact solution.
     integrals: VelocityIntegrals<'a>,
     /// The rules of each axis.
-    rules: Vec<AxisRules>,
+    rules: Vec<ElementRules>,
     /// The element of space whose velocities are being summed.
     index: Option<Vec<usize>>,
     /// Sums over velocities at the points of that element.
@@ -212,7 +212,7 @@ impl<'a> ElementSums<'a> {
         let space = &case.space;
         let more = more_points(space);
         let rules = (space.axes().zip(edges_within_elements(case)))
-            .map(|(axis, edges)| AxisRules::new(axis, axis.nodes.count() + more, &edges))
+            .map(|(axis, edges)| ElementRules::new(axis, axis.nodes.count() + more, &edges))
             .collect();
         let places = space.x.iter().map(|a| a.elements() * (a.nodes.count() + more)).product();
         Self {

@@ -36,7 +36,7 @@ use crate::study::advise::report::{may_be_slow, warnings};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::base_case;
 use crate::study::advise::setups::{
-    AdviceReport, GivenCase, LeftOut, SetupReport, mark_expensive, mark_too_long, nearest,
+    AdviceReport, GivenCase, SetupReport, SkippedSetup, mark_expensive, mark_too_long, nearest,
 };
 use crate::study::advise::trials::Trials;
 use crate::study::budget::{Budget, refuse_slow_grid};
@@ -96,7 +96,7 @@ struct Study<'a> {
     trials: Trials<'a>,
     /// Part of the budget up to which runs by modes are tried.
     share: f64,
-    left_out: Vec<LeftOut>,
+    left_out: Vec<SkippedSetup>,
     candidates: Vec<SetupCandidate>,
     /// The budget in seconds that may hold the next grid of a scheme, for those whose order is
     /// open.
@@ -138,7 +138,7 @@ impl<'a> Study<'a> {
         self.left_out.clear();
         if self.case.varies() && !self.case.is_galerkin() {
             let why = "not possible if the inflow depends on time";
-            self.left_out.push(LeftOut::new("slopes (scheme.limiter)", why));
+            self.left_out.push(SkippedSetup::new("slopes (scheme.limiter)", why));
         }
         self.try_own_grid()?;
         let mut found = self.grids_by_scheme()?;

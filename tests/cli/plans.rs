@@ -74,8 +74,8 @@ fn degrees_are_a_range() {
     assert!(ranges[1] < ranges[0], "the legs are shorter: {ranges:?}");
 }
 
-/// For every case and number of ranks, the mesh of the plan has all ranks. The text that the program
-/// prints has the numbers of its JSON.
+/// For every case and number of ranks, the mesh of the plan has all ranks. The text that the
+/// program prints has the numbers of its JSON.
 #[test]
 fn plan_works_for_every_case_and_number_of_ranks() {
     let rows: Vec<(usize, String)> = cases().into_iter().enumerate().collect();

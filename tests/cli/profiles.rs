@@ -17,9 +17,9 @@ fn with_profile(job: Job, profile: &str) -> Job {
     }
 }
 
-/// Every profile with every reading meets its tolerance: on steps, trapped particles, inflow, and in
-/// two dimensions, with analytic and sampled coefficients. A row has one reading for each case, so
-/// that pairs of profile, reading, case and kind of coefficients occur, not all products.
+/// Every profile with every reading meets its tolerance: on steps, trapped particles, inflow, and
+/// in two dimensions, with analytic and sampled coefficients. A row has one reading for each case,
+/// so that pairs of profile, reading, case and kind of coefficients occur, not all products.
 #[test]
 fn every_profile_and_reading_meets_its_tolerance() {
     const PROFILES: [(&str, [&str; 2]); 10] = [

@@ -51,9 +51,9 @@ fn solved_or_refused_scenes(count: u64, scene: impl Fn(&mut Choices) -> String +
     });
 }
 
-/// Makes `count` trials, multiplied by `PHASEWARP_SCENES/100`, which `make torture` sets; two fifths
-/// of them otherwise. A trial returns whether it came to what it tries; more than the fraction
-/// `least` must.
+/// Makes `count` trials, multiplied by `PHASEWARP_SCENES/100`, which `make torture` sets; two
+/// fifths of them otherwise. A trial returns whether it came to what it tries; more than the
+/// fraction `least` must.
 pub fn check_scenes(
     count: u64,
     least: f64,

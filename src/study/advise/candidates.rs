@@ -13,7 +13,7 @@ use crate::study::advise::grid_search::{
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::{command, settings};
-use crate::study::advise::setups::{ErrorParts, GivenCase, LeftOut, SetupReport};
+use crate::study::advise::setups::{ErrorParts, GivenCase, SetupReport, SkippedSetup};
 use crate::study::advise::trials::mode_updates;
 use crate::study::advise::{ROUND_OFF, SetupCandidate, Study};
 use crate::study::budget::longer;
@@ -234,7 +234,8 @@ impl Study<'_> {
             Ok(found) => found,
             Err(error) => {
                 let name = self.name(Method::Schrodingerized, scheme);
-                self.left_out.push(LeftOut { grid: Some(coarse), ..LeftOut::new(name, error) });
+                self.left_out
+                    .push(SkippedSetup { grid: Some(coarse), ..SkippedSetup::new(name, error) });
                 return Ok(());
             }
         };
@@ -336,7 +337,7 @@ impl Study<'_> {
             Ok(None) => "no grid that reaches it was found within the budget".to_owned(),
             Err(error) => error.to_string(),
         };
-        self.left_out.push(LeftOut::new(self.name(method, scheme), why));
+        self.left_out.push(SkippedSetup::new(self.name(method, scheme), why));
         Ok(())
     }
 

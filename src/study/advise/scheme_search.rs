@@ -6,7 +6,7 @@ use crate::study::advise::grid_search::{
     DISCRETISATION, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid,
 };
 use crate::study::advise::scheme::SchemeChoice;
-use crate::study::advise::setups::LeftOut;
+use crate::study::advise::setups::SkippedSetup;
 use crate::study::advise::{ROUND_OFF, Study};
 use crate::study::budget::{Budget, longer};
 use crate::study::grids::{AxisGroup, cells, shape_text};
@@ -51,7 +51,7 @@ impl Study<'_> {
             };
             if let Err(error) = known {
                 let name = scheme.name(Method::Classical, self.jumps);
-                self.left_out.push(LeftOut::new(format!("{name} as it stands"), error));
+                self.left_out.push(SkippedSetup::new(format!("{name} as it stands"), error));
             }
         }
         Ok(())
@@ -77,7 +77,7 @@ impl Study<'_> {
             schemes.iter().find_map(|s| Some((s.degree, self.trials.prepare(s.degree).err()?)));
         if let Some((degree, error)) = refused {
             let elements = format!("elements of degree {degree} and more");
-            self.left_out.push(LeftOut::new(elements, error));
+            self.left_out.push(SkippedSetup::new(elements, error));
         }
         schemes.retain(|scheme| self.trials.is_prepared(scheme.degree));
         schemes
@@ -157,10 +157,10 @@ impl Study<'_> {
                     let budget = longer(budget.max(2.0 * self.request.budget));
                     let why =
                         format!("the budget does not hold a run on {grid}; {budget} may allow it");
-                    self.left_out.push(LeftOut::new(name, why));
+                    self.left_out.push(SkippedSetup::new(name, why));
                 }
                 SearchResult::Failed(error) => {
-                    self.left_out.push(LeftOut::new(name, &error));
+                    self.left_out.push(SkippedSetup::new(name, &error));
                     failure = Some(error);
                 }
             }

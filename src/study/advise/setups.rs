@@ -252,7 +252,7 @@ pub struct GivenCase {
 
 /// A set-up that was not tried. In text and in JSON one line says so.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LeftOut {
+pub struct SkippedSetup {
     /// Its name, or that of several.
     pub name: String,
     /// The grid on which its runs by modes failed; `None` if no grid was searched for them.
@@ -261,14 +261,14 @@ pub struct LeftOut {
     pub why: String,
 }
 
-impl LeftOut {
+impl SkippedSetup {
     /// The set-up of this name, for the reason `why`.
     pub fn new(name: impl Into<String>, why: impl ToString) -> Self {
         Self { name: name.into(), grid: None, why: why.to_string() }
     }
 }
 
-impl fmt::Display for LeftOut {
+impl fmt::Display for SkippedSetup {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { name, grid, why } = self;
         match grid {
@@ -278,7 +278,7 @@ impl fmt::Display for LeftOut {
     }
 }
 
-impl Serialize for LeftOut {
+impl Serialize for SkippedSetup {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
@@ -304,7 +304,7 @@ pub struct AdviceReport {
     /// The set-ups that reach the accuracy, quickest first; then those that are refused.
     pub entries: Vec<SetupReport>,
     /// The set-ups that were not tried.
-    pub left_out: Vec<LeftOut>,
+    pub left_out: Vec<SkippedSetup>,
     /// Warnings to the user.
     pub warnings: Vec<String>,
 }
@@ -327,7 +327,7 @@ impl AdviceReport {
         let first = nearest(&of_method).or_else(|| of_method.first().copied());
         let why = first.and_then(|e| e.estimate.clone().or_else(|| e.refused.clone()));
         let left_out =
-            || self.left_out.iter().map(LeftOut::to_string).collect::<Vec<_>>().join("; ");
+            || self.left_out.iter().map(SkippedSetup::to_string).collect::<Vec<_>>().join("; ");
         why.unwrap_or_else(|| format!("nothing was tried; {}", left_out()))
     }
 }
