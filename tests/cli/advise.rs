@@ -387,8 +387,8 @@ x = { lower = 0, upper = 1, cells = 6, boundary = "periodic" }
 v = { lower = -1, upper = 1, cells = 4 }
 "#;
 
-/// The advice is the same on any number of ranks, also in the plane, for measure-valued data and
-/// with inflow. Axes that a run merges keep their cells.
+/// The advice is the same on any number of ranks, also with a merged axis, for measure-valued data
+/// and with inflow. Axes that a run merges keep their cells.
 #[test]
 fn advice_is_the_same_on_any_ranks() {
     let place = directory();
