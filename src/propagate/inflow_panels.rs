@@ -7,6 +7,7 @@
 //! jump takes two or three panels more.
 
 use crate::base::quadrature::{gauss_legendre, legendre_values};
+use crate::base::random::evenly_spread;
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, AxisEnd, coordinate};
 
@@ -33,8 +34,6 @@ const TIMES: usize = 64;
 /// Of these, the number of points at which panels are tested, shared out equally to the ends: half
 /// of them where `b` has the largest range, half where it varies most from time to time.
 const SAMPLES: usize = 64;
-/// The golden ratio: the parts of `k` times it beyond whole numbers are evenly spread.
-const GOLDEN: f64 = 1.618_033_988_749_895;
 
 /// A panel, cut into equal parts.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -229,7 +228,7 @@ fn candidates(case: &Case, end: AxisEnd, most: usize) -> Vec<SampledPoint> {
     let all: f64 = nodes.iter().map(|nodes| nodes.len() as f64).product();
     let count = (most as f64).min(all) as usize;
     let point = |i: usize| {
-        let spread = ((i as f64 * GOLDEN).fract() * all).floor();
+        let spread = (evenly_spread(i) * all).floor();
         let mut left = if count as f64 == all { i as f64 } else { spread };
         let mut point = [0.0; 6];
         for (k, nodes) in nodes.iter().enumerate() {
@@ -245,7 +244,7 @@ fn candidates(case: &Case, end: AxisEnd, most: usize) -> Vec<SampledPoint> {
     for k in 0..TIMES {
         // No period fits the distances of these times; of `k` times the golden ratio, 64 times a
         // Fibonacci number almost would.
-        let part = ((k * k) as f64 * GOLDEN).fract();
+        let part = evenly_spread(k * k);
         let time = case.start_time + case.duration() * (k as f64 + part) / TIMES as f64;
         let values = formula.at_points(&points, time);
         if k == 0 {

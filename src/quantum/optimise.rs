@@ -7,15 +7,14 @@
 //! of the solution. A large `δ` fills the state with auxiliary unknowns, a small one couples them
 //! strongly. Every choice is planned to the tolerance that a run would have, but for its cost on a
 //! quantum computer: a long period is nearly free there, a high wavenumber is not. The parameter of
-//! every profile is searched over all values that a case file may have, together with the distance
-//! of the recovery point from where the profile is first `e^{−p}`: on a grid, then on finer grids
-//! about the best. That is within a few per cent of the cheapest; the constants of the cost model
-//! are not known as well.
+//! every profile is scanned over all values that a case file may have, together with the distance
+//! of the recovery point from where the profile is first `e^{−p}`.
 //!
 //! **The scheme** is the conservative interface where the degree is 0, because it needs no weights
 //! ([`scheme_of`]). Weights are a table as large as phase space, which a query cannot compute.
 
 pub mod candidate;
+mod grid;
 pub mod pricing;
 pub mod ranking;
 #[cfg(test)]
@@ -29,7 +28,8 @@ use crate::problem::case::{
 };
 use crate::problem::limits::{ALPHAS, BETAS, LOW_SOMMA_POINTS, MOST_ORDER, SIGMAS};
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
-use crate::quantum::optimise::pricing::{cheapest, choice};
+use crate::quantum::optimise::grid::PricedGrid;
+use crate::quantum::optimise::pricing::choice;
 use crate::scheme::interface::law_of;
 use crate::schrodingerization::placement::takes_one_mode;
 
@@ -94,30 +94,42 @@ fn exponential(alpha: f64) -> ProfileChoice {
     ProfileChoice::Exponential { alpha: Alpha::Constant(alpha) }
 }
 
-/// A profile with a parameter, and the search over it.
+/// A profile with a parameter, over all that is scanned of it.
 struct ProfileFamily {
     of: fn(f64) -> ProfileChoice,
-    /// The least and the largest value of the parameter.
-    limits: [f64; 2],
-    /// Steps of the first grid between them, by equal ratios.
-    steps: i32,
-    /// Whether the recovery point is searched as well. It is not where it follows from the
+    /// The parameter's values, ascending.
+    values: Vec<f64>,
+    /// Whether there are values between these.
+    continuous: bool,
+    /// Whether the recovery point is scanned as well. It is not where it follows from the
     /// parameter, or where moving it changes nothing.
     free_point: bool,
 }
 
 impl ProfileFamily {
     /// All profiles that have a parameter.
-    fn all() -> [Self; FAMILIES] {
-        let family = |of, limits, steps, free_point| Self { of, limits, steps, free_point };
-        let gaussian = |sigma| ProfileChoice::Gaussian { sigma: Some(sigma) };
-        let smooth = |order: f64| ProfileChoice::Smooth { order: order.round() as usize };
+    fn all() -> [Self; 5] {
+        let ratios = |[least, most]: [f64; 2], count: i32| {
+            (0..=count)
+                .map(|i| least * (most / least).powf(f64::from(i) / f64::from(count)))
+                .collect()
+        };
+        let family = |of, values, free_point| Self { of, values, continuous: true, free_point };
         [
-            family(gaussian, SIGMAS, 144, false),
-            family(|c| ProfileChoice::LowSomma { c: Some(c) }, LOW_SOMMA_POINTS, 144, false),
-            family(|beta| ProfileChoice::Acl { beta }, BETAS, 8, true),
-            family(exponential, ALPHAS, 12, true),
-            family(smooth, [1.0, MOST_ORDER as f64], 8, true),
+            family(
+                |sigma| ProfileChoice::Gaussian { sigma: Some(sigma) },
+                ratios(SIGMAS, 48),
+                false,
+            ),
+            family(|c| ProfileChoice::LowSomma { c: Some(c) }, ratios(LOW_SOMMA_POINTS, 48), false),
+            family(|beta| ProfileChoice::Acl { beta }, ratios(BETAS, 8), true),
+            family(exponential, ratios(ALPHAS, 12), true),
+            Self {
+                of: |order| ProfileChoice::Smooth { order: order as usize },
+                values: (1..=MOST_ORDER).map(|order| order as f64).collect(),
+                continuous: false,
+                free_point: true,
+            },
         ]
     }
 
@@ -128,69 +140,142 @@ impl ProfileFamily {
         values.iter().flat_map(|&v| beyond_edge.iter().map(move |&f| of(v, f))).collect()
     }
 
-    /// The cheapest on a grid over all values and recovery points, then on ever finer grids about
-    /// the best, each twice as fine as the one before. Collective.
-    fn cheapest(&self, system: &System<'_>) -> CostedChoice {
-        /// Steps of the first grid along the recovery point.
-        const POINTS: i32 = 4;
+    /// The whole grid of the family.
+    fn coarse<'a>(&self, system: &'a System<'a>) -> PricedGrid<'a> {
+        let beyond_edge: Vec<_> = if self.free_point {
+            (0..=4).map(|i| Some(FURTHEST * f64::from(i) / 4.0)).collect()
+        } else {
+            vec![None]
+        };
+        PricedGrid::new(system, self.candidates(&self.values, &beyond_edge))
+    }
+
+    /// The cheapest on ever finer grids about `found`.
+    fn refined(&self, system: &System<'_>, mut found: CostedChoice) -> CostedChoice {
         /// Finer grids.
         const ZOOMS: i32 = 5;
         /// Steps of a finer grid on either side of the best.
         const STEPS: i32 = 2;
-        let [least, most] = self.limits;
-        let ratio = (most / least).powf(f64::from(self.steps).recip());
-        let point_step = FURTHEST / f64::from(POINTS);
-        let values: Vec<f64> =
-            (0..=self.steps).map(|i| (least * ratio.powi(i)).min(most)).collect();
-        let points = (0..=POINTS).map(|i| Some(point_step * f64::from(i)));
-        let points = if self.free_point { points.collect() } else { vec![None] };
-        let first = self.candidates(&values, &points);
-        let Some(mut found) = cheapest(system, &first, f64::INFINITY) else {
-            return choice(system, &first[0]);
-        };
+        let [least, most] = [self.values[0], self.values[self.values.len() - 1]];
+        let ratio = self.values[1] / self.values[0];
+        let offsets = || (-STEPS..=STEPS).map(f64::from);
         for zoom in 1..=ZOOMS {
-            let parts = (-STEPS..=STEPS).map(|i| f64::from(i) * 0.5f64.powi(zoom));
+            let width = f64::from(STEPS).powi(-zoom);
             let ProfileCandidate { value, beyond_edge, .. } = found.candidate;
-            let of_value = |part: f64| (value * ratio.powf(part)).clamp(least, most);
-            let of_point = |part: f64| {
-                beyond_edge.map(|point| (point + point_step * part).clamp(0.0, FURTHEST))
+            let values: Vec<f64> = if self.continuous {
+                offsets().map(|i| (value * ratio.powf(i * width)).clamp(least, most)).collect()
+            } else {
+                vec![value]
             };
-            let values: Vec<f64> = parts.clone().map(of_value).collect();
-            let mut points: Vec<Option<f64>> = parts.map(of_point).collect();
-            points.dedup();
-            let next = self.candidates(&values, &points);
-            found = cheapest(system, &next, found.least_cost()).unwrap_or(found);
+            let beyond_edge: Vec<_> = match beyond_edge {
+                Some(point) => offsets()
+                    .map(|i| Some((point + 0.25 * FURTHEST * i * width).clamp(0.0, FURTHEST)))
+                    .collect(),
+                None => vec![None],
+            };
+            let mut next = self.candidates(&values, &beyond_edge);
+            next.retain(|candidate| *candidate != found.candidate);
+            let next = PricedGrid::new(system, next).cheapest(1, found.least_cost());
+            found = next.into_iter().fold(found, CostedChoice::cheaper);
+        }
+        let found = self.at_edges(system, found);
+        self.along_line(system, found)
+    }
+
+    /// The cheapest on a short line of values through `found`: near an end of a range the cost has
+    /// steps of a few per mille of the value, as steps of the walk are saved one after the other.
+    fn along_line(&self, system: &System<'_>, found: CostedChoice) -> CostedChoice {
+        /// Values on either side.
+        const VALUES: i32 = 16;
+        /// Ratio of a value to the one before.
+        const STEP: f64 = 1.002;
+        if !self.continuous {
+            return found;
+        }
+        let [least, most] = [self.values[0], self.values[self.values.len() - 1]];
+        let own = found.candidate.value;
+        let value = |k: i32| (own * STEP.powi(k)).clamp(least, most);
+        let values: Vec<f64> = (-VALUES..=VALUES).filter(|&k| k != 0).map(value).collect();
+        let line = self.candidates(&values, &[found.candidate.beyond_edge]);
+        let next = PricedGrid::new(system, line).cheapest(1, found.least_cost());
+        next.into_iter().fold(found, CostedChoice::cheaper)
+    }
+
+    /// The cheapest choice at the ends of a range of values about `found`, or `found`. In that
+    /// range the rounds of amplification and the points of `p` stay the same. The cost falls up to
+    /// an end of the range, which may be narrower than any grid.
+    fn at_edges(&self, system: &System<'_>, mut found: CostedChoice) -> CostedChoice {
+        /// Halvings of a step of the whole grid.
+        const HALVINGS: usize = 16;
+        if !self.continuous {
+            return found;
+        }
+        let [least, most] = [self.values[0], self.values[self.values.len() - 1]];
+        let ratio = self.values[1] / self.values[0];
+        let kind = |choice: &CostedChoice| (choice.rounds(), choice.points.value());
+        let (start, own) = (found.candidate.clone(), kind(&found));
+        let at = |value: f64| {
+            let profile = (self.of)(value);
+            choice(system, &ProfileCandidate { profile, value, ..start.clone() })
+        };
+        for step in [ratio, ratio.recip()] {
+            let (mut inside, mut beyond) = (start.value, (start.value * step).clamp(least, most));
+            for _ in 0..HALVINGS {
+                let next = at((inside * beyond).sqrt());
+                if kind(&next) == own {
+                    inside = next.candidate.value
+                } else {
+                    beyond = next.candidate.value
+                }
+                found = found.cheaper(next);
+            }
         }
         found
     }
 }
 
-/// Families of profiles with a parameter.
-const FAMILIES: usize = 5;
-/// Units of progress of [`choices`]: one a family, and one for the defaults.
-pub const UNITS: usize = FAMILIES + 1;
+/// Units of progress of [`choices`]: two a family, and one for the defaults.
+pub const UNITS: usize = 11;
 
 /// The cheapest set-up of every profile for one system, the profiles with their default parameters,
 /// and the case's own profile if it is given by a formula. A set-up that cannot be planned has the
 /// reason. Advances `progress` by [`UNITS`]. Collective.
 pub fn choices(system: &System<'_>, progress: &mut Progress) -> Vec<CostedChoice> {
-    // With S = 0 one mode suffices for any profile. It is the field, and no profile is cheaper.
+    /// A family is not refined if its least cost on its grid exceeds the least of all by this
+    /// factor.
+    const LARGEST_RATIO: f64 = 2.0;
+    /// Number of values of a parameter that are refined: costs jump where a register or a round of
+    /// amplification is saved.
+    const KEPT: usize = 4;
+    let families = ProfileFamily::all();
+    let (mut grids, mut cheapest) = (Vec::new(), Vec::new());
+    for family in &families {
+        let mut grid = family.coarse(system);
+        cheapest.push(grid.cheapest(1, f64::INFINITY));
+        grids.push(grid);
+        progress.advance(1);
+    }
+    // With S = 0 one mode suffices for any profile.
     let one = ProfileCandidate::planned(ProfileChoice::Planned);
     let one_case = candidate_case(system.case, system.bounds, &one);
-    let mut found = if takes_one_mode(&one_case, system.bounds) {
-        progress.advance(FAMILIES);
-        vec![choice(system, &one)]
-    } else {
-        let cheapest = |family: ProfileFamily| {
-            let found = family.cheapest(system);
-            progress.advance(1);
-            found
+    let planned = takes_one_mode(&one_case, system.bounds).then(|| choice(system, &one));
+    let all = cheapest.iter().flatten().chain(&planned);
+    let least = all.map(CostedChoice::least_cost).fold(f64::INFINITY, f64::min);
+    let mut found: Vec<CostedChoice> = Vec::new();
+    for ((family, grid), first) in families.iter().zip(&mut grids).zip(cheapest) {
+        // One mode is the field: no profile is cheaper.
+        let close = match planned {
+            Some(_) => Vec::new(),
+            None => grid.cheapest(KEPT, LARGEST_RATIO * least),
         };
-        ProfileFamily::all().map(cheapest).into()
-    };
+        let refined = close.into_iter().map(|choice| family.refined(system, choice));
+        found.extend(first.into_iter().chain(refined).reduce(CostedChoice::cheaper));
+        progress.advance(1);
+    }
     let own = &system.case.warp.profile;
     let formula = matches!(own, ProfileChoice::Exponential { alpha: Alpha::Formula(_) });
     let defaults = DEFAULTS.into_iter().chain(formula.then(|| own.clone()));
+    found.extend(planned);
     found.extend(defaults.map(|profile| choice(system, &ProfileCandidate::planned(profile))));
     progress.advance(1);
     found

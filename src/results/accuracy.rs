@@ -40,8 +40,7 @@ impl EstimatedErrors {
     /// The errors of the grid, where that of the density is no larger than what `particles` and its
     /// own coefficients leave room for.
     pub fn within(self, particles: ParticleErrors) -> GridErrorPair {
-        let most = self.density_shown.zip(particles.density_most);
-        let most = most.map_or(f64::INFINITY, |(shown, most)| WITHIN_PARTS * shown.hypot(most));
+        let most = self.density_shown.map_or(f64::INFINITY, |shown| particles.room_beside(shown));
         GridErrorPair { density: self.grid.density.map(|error| error.min(most)), ..self.grid }
     }
 }
@@ -56,6 +55,12 @@ impl ParticleErrors {
             density_most: self.density_most.map(|error| error + traced),
             ..self
         }
+    }
+
+    /// The largest error of the density in L2 that these errors leave room for, beside one that its
+    /// own coefficients show; infinite without particles.
+    fn room_beside(self, shown: f64) -> f64 {
+        self.density_most.map_or(f64::INFINITY, |most| WITHIN_PARTS * shown.hypot(most))
     }
 }
 
@@ -213,7 +218,7 @@ impl Accuracy {
     /// coefficients show neither. It is no larger than particles leave room for.
     pub fn count_smeared_density(&mut self) {
         let shown = self.particles.field_mean.filter(|error| is_large(*error));
-        let most = self.particles.density_most.map_or(f64::INFINITY, |most| WITHIN_PARTS * most);
+        let most = self.particles.room_beside(0.0);
         let least = shown.map(|error| (error * error).min(most)).filter(|_| !self.grid_measured);
         if let (Some(least), Some(density)) = (least, self.grid_density)
             && least > density

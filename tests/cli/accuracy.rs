@@ -2,8 +2,8 @@
 //! it; elements against a separate implementation; partial reflection.
 
 use crate::support::{
-    Finished, Job, Mistake, SLOPES, Summary, all_refused, at_most, case, check_all, datasets,
-    differences, directory, json_of, near, on_results, run, text_of, written,
+    Finished, Job, Mistake, RankMesh, SLOPES, Summary, all_refused, at_most, case, check_all,
+    datasets, differences, directory, json_of, near, on_results, run, text_of, written,
 };
 use phasewarp::base::text::{one_digit, rounded_down, short};
 use serde_json::Value;
@@ -550,8 +550,9 @@ fn exact_densities_see_filaments() {
     let place = directory();
     let file = written(place.path(), HIDDEN).unwrap();
     let of = |settings: &[&str]| solved(place.path(), &file, settings).0;
-    for settings in [["time.end=60", "scheme.degree=1"], ["time.end=300", "scheme.degree=0"]] {
-        let summary = of(&settings);
+    let long = ["time.end=600", "scheme.degree=1"];
+    for settings in [&["time.end=60"][..], &["time.end=60", "scheme.degree=0"], &long] {
+        let summary = of(settings);
         let [exact, error] =
             ["mass_exact", "exact_density_error"].map(|key| summary[key].as_f64().unwrap());
         let off = (exact / summary["ledger"]["mass"]["formula"].as_f64().unwrap() - 1.0).abs();
@@ -773,13 +774,10 @@ fn words(settings: &[String]) -> Vec<&str> {
     settings.iter().map(String::as_str).collect()
 }
 
-/// Numbers of ranks, each with the blocks along the space axes.
-type Meshes = &'static [(usize, &'static str)];
-
 /// Errors and estimates are sums over the ranks, with the same bits on any number of ranks.
 #[test]
 fn errors_of_the_grid_are_the_same_on_any_ranks() {
-    let rows: [(&str, Vec<String>, Meshes); 4] = [
+    let rows: [(&str, Vec<String>, &[RankMesh]); 4] = [
         ("smooth-beams.toml", elements(2, 10).to_vec(), &[(2, "1"), (3, "3")]),
         ("smooth-beams.toml", elements(0, 26).to_vec(), &[(4, "2")]),
         // Degree 0 along x takes the flux across the faces of blocks.

@@ -36,44 +36,60 @@ impl Places {
     }
 }
 
-/// A command line and the words of its refusal.
-type Mistake = (&'static str, &'static [&'static str]);
+/// A command line that is refused.
+struct RefusedLine {
+    line: &'static str,
+    /// Words of the refusal.
+    wording: &'static [&'static str],
+    /// Number of ranks on which it is tried.
+    ranks: usize,
+}
+
+/// A line that is refused on one rank.
+const fn alone(line: &'static str, wording: &'static [&'static str]) -> RefusedLine {
+    RefusedLine { line, wording, ranks: 1 }
+}
+
+/// A line that is refused on two ranks, by one message.
+const fn on_two(line: &'static str, wording: &'static [&'static str]) -> RefusedLine {
+    RefusedLine { line, wording, ranks: 2 }
+}
 
 /// Mistakes that the parser of the command line finds.
-const NOT_PARSED: [Mistake; 16] = [
-    ("check", &["<CASE>"]),
-    ("check EXAMPLE --frobnicate", &["'--frobnicate'"]),
-    ("run EXAMPLE --ouput x", &["'--ouput'", "'--output'"]),
-    ("plan EXAMPLE --ranks 0", &["'0'", "--ranks", "1..="]),
-    ("plan EXAMPLE --ranks -1", &["-1"]),
-    ("plan EXAMPLE --ranks two", &["'two'", "--ranks"]),
-    ("plan EXAMPLE --ranks 1,2,x", &["'x'", "--ranks", "1..64"]),
-    ("plan EXAMPLE --ranks 4..2", &["4..2", "--ranks", "larger"]),
-    ("plan EXAMPLE --force", &["--sbatch"]),
-    ("plan EXAMPLE --memory-per-rank 4~parsecs", &["4 parsecs", "--memory-per-rank", "GiB"]),
-    ("plan EXAMPLE --memory-per-node 256", &["256 has no unit", "--memory-per-node", "GiB"]),
-    ("run EXAMPLE -o OUT --ranks-x one", &["--ranks-x", "'one'"]),
-    ("run EXAMPLE -o OUT --mode fast", &["--mode", "'fast'", "streamed"]),
-    ("spectrum EXAMPLE --steps 1", &["--steps", "'1'"]),
-    ("spectrum EXAMPLE --refine 1,0", &["--refine", "'0'", "1 to 64"]),
-    ("spectrum EXAMPLE --refine 1,two", &["--refine", "'two'", "1 to 64"]),
+const NOT_PARSED: [RefusedLine; 16] = [
+    alone("check", &["<CASE>"]),
+    alone("check EXAMPLE --frobnicate", &["'--frobnicate'"]),
+    alone("run EXAMPLE --ouput x", &["'--ouput'", "'--output'"]),
+    alone("plan EXAMPLE --ranks 0", &["'0'", "--ranks", "1..="]),
+    alone("plan EXAMPLE --ranks -1", &["-1"]),
+    alone("plan EXAMPLE --ranks two", &["'two'", "--ranks"]),
+    alone("plan EXAMPLE --ranks 1,2,x", &["'x'", "--ranks", "1..64"]),
+    alone("plan EXAMPLE --ranks 4..2", &["4..2", "--ranks", "larger"]),
+    alone("plan EXAMPLE --force", &["--sbatch"]),
+    alone("plan EXAMPLE --memory-per-rank 4~parsecs", &["4 parsecs", "--memory-per-rank", "GiB"]),
+    alone("plan EXAMPLE --memory-per-node 256", &["256 has no unit", "--memory-per-node", "GiB"]),
+    alone("run EXAMPLE -o OUT --ranks-x one", &["--ranks-x", "'one'"]),
+    alone("run EXAMPLE -o OUT --mode fast", &["--mode", "'fast'", "streamed"]),
+    alone("spectrum EXAMPLE --steps 1", &["--steps", "'1'"]),
+    alone("spectrum EXAMPLE --refine 1,0", &["--refine", "'0'", "1 to 64"]),
+    alone("spectrum EXAMPLE --refine 1,two", &["--refine", "'two'", "1 to 64"]),
 ];
 
-/// Mistakes that the program finds, on so many ranks; the first is one for the parser.
-const MISTAKES: [(usize, Mistake); 13] = [
-    (2, ("chekc EXAMPLE", &["'chekc'", "'check'"])),
-    (1, ("check NOWHERE", &["nowhere.toml", "No such file"])),
-    (2, ("run NOWHERE", &["nowhere.toml", "No such file"])),
-    (1, ("check FOLDER", &["FOLDER", "directory"])),
-    (1, ("plan EXAMPLE --ranks 6 --ranks-x 4", &["--ranks-x", "4", "6", "1, 2, 3, 6"])),
-    (2, ("run EXAMPLE -o OUT --ranks-x 3", &["--ranks-x", "3 blocks", "2 ranks", "1, 2"])),
-    (1, ("run EXAMPLE -o OUT --ranks-x 0", &["--ranks-x", "0", "1 to 128"])),
-    (1, ("run EXAMPLE -o OUT --ranks-x 129", &["--ranks-x", "129", "128 cells"])),
-    (1, ("run EXAMPLE -o OUT --ranks-x 1,2", &["--ranks-x", "2 numbers", "1 x-axes"])),
-    (2, ("run PLANE -o OUT --ranks-x 2,2", &["--ranks-x", "4 blocks", "2 ranks"])),
-    (1, ("run PLANE -o OUT --ranks-x 1,99999999999999999999", &["--ranks-x"])),
-    (1, ("run PLANE -o OUT --ranks-x 4294967296,4294967296", &["--ranks-x", "4294967296"])),
-    (1, ("run EXAMPLE -o EMPTY", &["--output"])),
+/// Mistakes that the program finds; the first is one for the parser.
+const MISTAKES: [RefusedLine; 13] = [
+    on_two("chekc EXAMPLE", &["'chekc'", "'check'"]),
+    alone("check NOWHERE", &["nowhere.toml", "No such file"]),
+    on_two("run NOWHERE", &["nowhere.toml", "No such file"]),
+    alone("check FOLDER", &["FOLDER", "directory"]),
+    alone("plan EXAMPLE --ranks 6 --ranks-x 4", &["--ranks-x", "4", "6", "1, 2, 3, 6"]),
+    on_two("run EXAMPLE -o OUT --ranks-x 3", &["--ranks-x", "3 blocks", "2 ranks", "1, 2"]),
+    alone("run EXAMPLE -o OUT --ranks-x 0", &["--ranks-x", "0", "1 to 128"]),
+    alone("run EXAMPLE -o OUT --ranks-x 129", &["--ranks-x", "129", "128 cells"]),
+    alone("run EXAMPLE -o OUT --ranks-x 1,2", &["--ranks-x", "2 numbers", "1 x-axes"]),
+    on_two("run PLANE -o OUT --ranks-x 2,2", &["--ranks-x", "4 blocks", "2 ranks"]),
+    alone("run PLANE -o OUT --ranks-x 1,99999999999999999999", &["--ranks-x"]),
+    alone("run PLANE -o OUT --ranks-x 4294967296,4294967296", &["--ranks-x", "4294967296"]),
+    alone("run EXAMPLE -o EMPTY", &["--output"]),
 ];
 
 #[test]
@@ -83,7 +99,7 @@ fn mistakes_on_the_command_line_are_refused() {
         folder: place.path().display().to_string(),
         out: place.path().join("out").display().to_string(),
     };
-    for (line, wording) in NOT_PARSED {
+    for RefusedLine { line, wording, .. } in NOT_PARSED {
         let words = line.split(' ').map(|word| places.word(word));
         let parsed = Cli::try_parse_from(std::iter::once("phasewarp".to_owned()).chain(words));
         let refusal = parsed.err().unwrap_or_else(|| panic!("accepted: {line}"));
@@ -92,7 +108,7 @@ fn mistakes_on_the_command_line_are_refused() {
         assert_eq!(printed.matches("error: ").count(), 1, "{printed}");
         assert!(wording.iter().all(|words| printed.contains(words)), "{line}: {printed}");
     }
-    check_all(&MISTAKES, |(ranks, (line, wording))| {
+    check_all(&MISTAKES, |RefusedLine { line, wording, ranks }| {
         let wording: Vec<String> = wording.iter().map(|word| places.word(word)).collect();
         let wording: Vec<&str> = wording.iter().map(String::as_str).collect();
         places.job(line).on(*ranks).is_refused(&wording)

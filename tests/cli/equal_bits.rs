@@ -1,35 +1,32 @@
 //! Results have the same bits on every number of ranks and every process mesh.
 
 use crate::support::{
-    at_most, check_all, datasets, differences, directory, distance, refused, require, run,
+    RankMesh, at_most, check_all, datasets, differences, directory, distance, refused, require, run,
 };
 use std::collections::BTreeSet;
 
-/// A number of ranks and the blocks of space (`--ranks-x`). The other ranks share the modes.
-type Mesh = (usize, &'static str);
-
 /// Blocks of an axis, one of them with two neighbours.
-const BLOCKS: &[Mesh] = &[(3, "3")];
+const BLOCKS: &[RankMesh] = &[(3, "3")];
 /// Blocks of an axis, each of them with two groups of modes.
-const GROUPS: &[Mesh] = &[(4, "2")];
+const GROUPS: &[RankMesh] = &[(4, "2")];
 /// Meshes of an axis; groups of unequal numbers of modes. `tests/parallel/bits.rs` has more.
-const LINE_MESHES: &[Mesh] = &[(3, "1"), (3, "3"), (4, "2"), (7, "1")];
+const LINE_MESHES: &[RankMesh] = &[(3, "1"), (3, "3"), (4, "2"), (7, "1")];
 /// Meshes of two axes.
-const PLANE_MESHES: &[Mesh] = &[(3, "1,3"), (3, "3,1"), (4, "1,2"), (4, "2,1"), (4, "2,2")];
+const PLANE_MESHES: &[RankMesh] = &[(3, "1,3"), (3, "3,1"), (4, "1,2"), (4, "2,1"), (4, "2,2")];
 /// Meshes of three axes.
-const SPACE_MESHES: &[Mesh] = &[(3, "1,1,3"), (4, "1,2,1"), (4, "2,1,2")];
+const SPACE_MESHES: &[RankMesh] = &[(3, "1,1,3"), (4, "1,2,1"), (4, "2,1,2")];
 
 /// A run until 0.7 that is repeated on the meshes, and datasets that it must have.
 struct Scene {
     name: &'static str,
-    meshes: &'static [Mesh],
+    meshes: &'static [RankMesh],
     datasets: &'static [&'static str],
     settings: &'static [&'static str],
 }
 
 const fn scene(
     name: &'static str,
-    meshes: &'static [Mesh],
+    meshes: &'static [RankMesh],
     datasets: &'static [&'static str],
     settings: &'static [&'static str],
 ) -> Scene {

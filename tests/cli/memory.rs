@@ -103,7 +103,7 @@ fn runs_take_the_planned_memory() {
         ("barrier2d.toml", &element_plane, &["axis.1.v.degree=3", "axis.1.v.cells=4"], 2, CLOSE),
         ("example1.toml", &small, &chunks, 1, CLOSE),
         ("example1.toml", &small, &chunks, 4, CLOSE),
-        ("example1.toml", &grid, &["output.moments_every=0.0004"], 1, CLOSE),
+        ("example1.toml", &grid, &["output.moments_every=0.0001"], 1, CLOSE),
         // The numbers of a time are few here, and what describes them is most of a file.
         ("example1.toml", &tiny, &["output.moments_every=0.001", "exact={}"], 1, CLOSE),
         ("step3d.toml", &[], &["output.moments_every=0.0005", end], 1, CLOSE),

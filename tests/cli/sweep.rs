@@ -116,28 +116,25 @@ fn values_can_be_arrays_and_formulas() {
 
 /// A refused case has a row with its message, and the other cases are run.
 #[test]
-fn a_refused_case_has_a_row() {
+fn a_refused_case_has_a_row() -> Result<(), String> {
     let ranks = 2;
-    let check = || -> Result<(), String> {
-        let place = directory();
-        let job = sweep(place.path(), &["solver.tolerance=5,1e-2", "time.end=0.1"]);
-        let finished = job.clone().on(ranks).run()?;
-        finished.ended(3, &["[1/2] solver.tolerance=5 time.end=0.1: ", "1 of 2 runs failed"])?;
-        fits(&finished)?;
-        let reason = "\n\nrun 1: --set solver.tolerance=5: solver.tolerance = 5";
-        finished.contains(&finished.output, &[reason])?;
-        let table = Table::read(place.path())?;
-        let refused = table.get(0, "error").contains("solver.tolerance");
-        let right = [refused, table.get(0, "mass").is_empty(), table.get(1, "error").is_empty()];
-        if right != [true; 3] || table.get(1, "mass").is_empty() {
-            return Err(finished.report(&format!("{:?}", table.rows)));
-        }
-        let tex = text_of(place.path().join("table.tex"))?;
-        finished.contains(&tex, &["% --set solver.tolerance=5"])?;
-        // With `--index`, it is refused like a run.
-        job.with(["--index", "1"]).on(ranks).is_refused(&["solver.tolerance", "5"])
-    };
-    check().unwrap();
+    let place = directory();
+    let job = sweep(place.path(), &["solver.tolerance=5,1e-2", "time.end=0.1"]);
+    let finished = job.clone().on(ranks).run()?;
+    finished.ended(3, &["[1/2] solver.tolerance=5 time.end=0.1: ", "1 of 2 runs failed"])?;
+    fits(&finished)?;
+    let reason = "\n\nrun 1: --set solver.tolerance=5: solver.tolerance = 5";
+    finished.contains(&finished.output, &[reason])?;
+    let table = Table::read(place.path())?;
+    let refused = table.get(0, "error").contains("solver.tolerance");
+    let right = [refused, table.get(0, "mass").is_empty(), table.get(1, "error").is_empty()];
+    if right != [true; 3] || table.get(1, "mass").is_empty() {
+        return Err(finished.report(&format!("{:?}", table.rows)));
+    }
+    let tex = text_of(place.path().join("table.tex"))?;
+    finished.contains(&tex, &["% --set solver.tolerance=5"])?;
+    // With `--index`, it is refused like a run.
+    job.with(["--index", "1"]).on(ranks).is_refused(&["solver.tolerance", "5"])
 }
 
 /// A run that misses its tolerance counts as failed with `solver.strict`, also if it was finished

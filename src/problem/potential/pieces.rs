@@ -1,5 +1,6 @@
 //! The pieces of `V`: the region, or the value of a stepped table, that holds at a point.
 
+use crate::base::random::evenly_spread;
 use crate::problem::case::Region;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
@@ -74,11 +75,9 @@ pub(super) fn spread(
     axes: &[Axis],
     most: usize,
 ) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
-    /// The golden section, whose multiples modulo 1 fill `[0, 1)` evenly.
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
     let all: usize = axes.iter().map(|axis| axis.cells).product();
     let index = move |k: usize| {
-        if all <= most { k } else { ((k as f64 * GOLDEN).fract() * all as f64) as usize }
+        if all <= most { k } else { (evenly_spread(k) * all as f64) as usize }
     };
     (0..all.min(most)).map(index).map(move |mut index| {
         let mut element = [0; MAX_DIMENSION];

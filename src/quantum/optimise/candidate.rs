@@ -5,6 +5,7 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Coefficients, Delta, ProfileChoice, RecoveryMethod, Shift};
 use crate::quantum::cost::{Access, Accesses, Cost, EvolutionRequirements};
 use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::probability::amplification_rounds;
 use crate::quantum::walk::OracleQueries;
 use crate::solve::system::StateNorms;
 use serde::Serialize;
@@ -124,6 +125,11 @@ impl CostedChoice {
         if window.value().is_some() { window } else { slice }
     }
 
+    /// Rounds of amplitude amplification; `None` if the probability is not known.
+    pub(super) fn rounds(&self) -> Option<f64> {
+        self.nearest().value().map(amplification_rounds)
+    }
+
     /// Gates until the field is measured, repeated or amplified, whichever is fewer.
     pub fn measured(&self) -> &LabelledNumber {
         LabelledNumber::lower_of(&self.cost)
@@ -135,6 +141,11 @@ impl CostedChoice {
             None => self.recovery.because(),
             Some(_) => None,
         }
+    }
+
+    /// The cheaper choice of the two.
+    pub(super) fn cheaper(self, other: Self) -> Self {
+        if other.least_cost() < self.least_cost() { other } else { self }
     }
 
     /// Gates until the field is measured, repeated or amplified, whichever is fewer; infinite where

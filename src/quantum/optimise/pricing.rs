@@ -1,9 +1,7 @@
-//! The cost of one candidate: its plan, a lower bound from a few coefficients, and the number; and
-//! the cheapest of many.
+//! The cost of one candidate: its plan, a lower bound from a few coefficients, and the number.
 
 use crate::base::error::Result;
 use crate::matrix::bounds::Bounds;
-use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Delta};
 use crate::quantum::cost::{EvolutionRequirements, LeastCost};
 use crate::quantum::labelled_number::LabelledNumber;
@@ -79,7 +77,7 @@ fn planned_within(case: &Case) -> Case {
 }
 
 /// A candidate whose number of modes is known, but no coefficient.
-struct PlannedCandidate {
+pub(super) struct PlannedCandidate {
     outline: Outline,
     /// The tolerance that the profile is planned for.
     state_tolerance: f64,
@@ -104,7 +102,10 @@ impl PlannedCandidate {
     ///
     /// # Errors
     /// Why there is none, or why it is not compared.
-    fn of(system: &System<'_>, candidate: &ProfileCandidate) -> std::result::Result<Self, String> {
+    pub fn of(
+        system: &System<'_>,
+        candidate: &ProfileCandidate,
+    ) -> std::result::Result<Self, String> {
         // Of no state there is nothing to plan.
         if let Some(why) = system.norms.no_start() {
             return Err(why.to_owned());
@@ -146,7 +147,7 @@ impl PlannedCandidate {
 
     /// A lower bound of the cost. It takes the norm of the first modes for the norm of the state,
     /// and a window without end.
-    fn least_possible(&self, system: &System<'_>) -> f64 {
+    pub fn least_possible(&self, system: &System<'_>) -> f64 {
         /// Modes whose coefficients are computed: others add little to the norm.
         const FIRST: usize = 64;
         /// Round-off of the cost and of its bound.
@@ -201,53 +202,4 @@ pub(super) fn choice(system: &System<'_>, candidate: &ProfileCandidate) -> Coste
         Ok(planned) => planned.priced(system, candidate),
         Err(why) => CostedChoice::unavailable(candidate, delta_of(system), &why),
     }
-}
-
-/// The cheapest of `candidates` that costs less than `limit`; `None` if there is none. Candidates
-/// are priced in the order of their bounds, up to the first bound that is not below the least cost.
-/// Every rank prices a share. Collective.
-pub(super) fn cheapest(
-    system: &System<'_>,
-    candidates: &[ProfileCandidate],
-    limit: f64,
-) -> Option<CostedChoice> {
-    let bound = |candidate: &ProfileCandidate| match PlannedCandidate::of(system, candidate) {
-        Ok(planned) => planned.least_possible(system),
-        Err(_) => f64::INFINITY,
-    };
-    let all: Vec<&ProfileCandidate> = candidates.iter().collect();
-    let mut order: Vec<_> = of_ranks(system, &all, bound).into_iter().zip(all).collect();
-    order.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (mut least, mut found) = (limit, None);
-    let ranks = system.world.map_or(1, Group::size);
-    for due in order.chunks(ranks) {
-        if due[0].0 >= least {
-            break;
-        }
-        let due: Vec<&ProfileCandidate> = due.iter().map(|(_, candidate)| *candidate).collect();
-        let costs = of_ranks(system, &due, |candidate| choice(system, candidate).least_cost());
-        for (cost, candidate) in costs.into_iter().zip(due) {
-            if cost < least {
-                (least, found) = (cost, Some(candidate));
-            }
-        }
-    }
-    found.map(|candidate| choice(system, candidate))
-}
-
-/// `value` of each of `candidates`, of which every rank computes a share. Collective.
-fn of_ranks(
-    system: &System<'_>,
-    candidates: &[&ProfileCandidate],
-    value: impl Fn(&ProfileCandidate) -> f64,
-) -> Vec<f64> {
-    let (rank, ranks) = system.world.map_or((0, 1), |world| (world.rank(), world.size()));
-    let mut values = vec![f64::NEG_INFINITY; candidates.len()];
-    for (own, candidate) in values.iter_mut().zip(candidates).skip(rank).step_by(ranks) {
-        *own = value(candidate);
-    }
-    if let Some(world) = system.world {
-        world.max_into(&mut values);
-    }
-    values
 }

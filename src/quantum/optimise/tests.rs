@@ -1,4 +1,4 @@
-//! The search against a scan of the parameters, whose costs are computed here once more.
+//! The search against a scan of every parameter, whose costs are computed here once more.
 
 use super::*;
 use crate::matrix::bounds::Bounds;
@@ -301,11 +301,11 @@ fn t_of(rotations: f64, tolerance: f64) -> f64 {
     (3.0 * (rotations.max(1.0) / (0.25 * tolerance)).log2().max(0.0) + 4.0).ceil()
 }
 
-/// Every profile with every parameter, between its limits in steps of 14 % and less, and read at
-/// every point in steps of 0.4 where the planner moves it.
+/// Every profile with every parameter, between its limits in steps of 5 % and less, and read at
+/// every point in steps of 0.1 where the planner moves it.
 fn all_candidates() -> Vec<ProfileCandidate> {
     let ratios = |[least, most]: [f64; 2]| {
-        (0..=70).map(move |i| least * (most / least).powf(f64::from(i) / 70.0))
+        (0..=150).map(move |i| least * (most / least).powf(f64::from(i) / 150.0))
     };
     let sigmas = ratios(SIGMAS).map(|s| ProfileChoice::Gaussian { sigma: Some(s) });
     let cs = ratios(LOW_SOMMA_POINTS).map(|c| ProfileChoice::LowSomma { c: Some(c) });
@@ -314,58 +314,83 @@ fn all_candidates() -> Vec<ProfileCandidate> {
     let alphas = ratios(ALPHAS).map(exponential);
     let orders = (1..=MOST_ORDER).map(|order| ProfileChoice::Smooth { order });
     let moved = betas.chain(alphas).chain(orders).flat_map(|profile| {
-        (0..=5).map(move |i| ProfileCandidate {
-            beyond_edge: Some(0.4 * f64::from(i)),
+        (0..=20).map(move |i| ProfileCandidate {
+            beyond_edge: Some(0.1 * f64::from(i)),
             ..ProfileCandidate::planned(profile.clone())
         })
     });
     whole.chain(moved).collect()
 }
 
-/// Costs are those that are computed here once more, with entries of the real `S` and `K` and gates
-/// that are counted one by one, and a scan of all profiles, parameters and recovery points finds
-/// nothing that is cheaper by more than the search is allowed to miss.
+/// Nothing of all profiles, parameters and recovery points is cheaper than what was found, nor is a
+/// finer line of the parameter about it; costs are computed here once more, with entries of the
+/// real `S` and `K` and gates that are counted one by one, and are those of the search.
 #[test]
-fn costs_are_those_of_the_formulas_and_a_scan_finds_little_less() {
-    with_system([8, 6], |system, dense| {
-        /// What the search may miss, relative to the cost.
-        const MISSED: f64 = 0.03;
-        /// Round-off of costs.
-        const CLOSE: f64 = 1e-9;
-        /// Beyond τ = 10⁴ the search has a bound of the degree, a few units above the least one.
-        const BOUND: f64 = 1e-3;
-        let ranking = Ranking::new(choices(system, &mut Progress::silent()));
-        let first = ranking.first().expect("a choice");
-        let found = first.least_cost();
-        let mut twin = Twin::new(system, dense);
-        let again = twin.cost(&first.candidate).expect("a plan");
-        assert!((again / found - 1.0).abs() < CLOSE, "{again:e} {found:e}");
-        let (mut compared, mut bounds) = (0, 0);
-        for candidate in all_candidates() {
-            let cost = choice(system, &candidate).least_cost();
-            assert!(cost >= (1.0 - MISSED) * found, "{candidate:?}: {cost:e} {found:e}");
-            // What is far from the cheapest has long series.
-            if cost < 100.0 * found {
-                let own = twin.cost(&candidate).expect("a plan");
-                let above = cost / own - 1.0;
-                assert!((-CLOSE..BOUND).contains(&above), "{candidate:?}: {own:e} {cost:e}");
-                compared += 1;
-                bounds += usize::from(above > CLOSE);
+fn an_exhaustive_scan_finds_nothing_cheaper() {
+    with_system([8, 6], nothing_is_cheaper);
+}
+
+/// Round-off of costs.
+const CLOSE: f64 = 1e-9;
+
+fn nothing_is_cheaper(system: &System<'_>, dense: &Dense) {
+    /// Beyond τ = 10⁴ the search has a bound of the degree, a few units above the least one.
+    const BOUND: f64 = 1e-3;
+    let ranking = Ranking::new(choices(system, &mut Progress::silent()));
+    let first = ranking.first().expect("a choice");
+    let found = first.least_cost();
+    let mut twin = Twin::new(system, dense);
+    let again = twin.cost(&first.candidate).expect("a plan");
+    assert!((again / found - 1.0).abs() < CLOSE, "{again:e} {found:e}");
+    let (mut least, mut compared, mut bounds) = (f64::INFINITY, 0, 0);
+    for candidate in all_candidates() {
+        let cost = choice(system, &candidate).least_cost();
+        assert!(cost >= (1.0 - CLOSE) * found, "{candidate:?}: {cost:e} {found:e}");
+        // What is far from the cheapest has long series.
+        if cost < 100.0 * found {
+            let own = twin.cost(&candidate).expect("a plan");
+            let above = cost / own - 1.0;
+            assert!((-CLOSE..BOUND).contains(&above), "{candidate:?}: {own:e} {cost:e}");
+            (least, compared) = (least.min(own), compared + 1);
+            bounds += usize::from(above > CLOSE);
+        }
+    }
+    assert!(compared > 1000 && least >= (1.0 - CLOSE) * found, "{compared}: {least:e} {found:e}");
+    assert!(10 * bounds < compared, "{bounds} of {compared}");
+    // The choice that is cheapest to emulate is not the cheapest here, nor is the default
+    // parameter of a run.
+    let emulated = [
+        ProfileChoice::Designed,
+        ProfileChoice::Gaussian { sigma: None },
+        ProfileChoice::LowSomma { c: None },
+    ];
+    for profile in emulated {
+        let cost = choice(system, &ProfileCandidate::planned(profile.clone())).least_cost();
+        assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
+    }
+}
+
+/// Where a round of amplification is saved, the range of values that save it may be narrower than
+/// any grid: on 6 by 8 cells σ from 0.2374 to 0.2379 is 2.6 % cheaper than what is found without
+/// its ends. A line in steps of 0.05 % finds nothing cheaper than the search.
+#[test]
+fn a_fine_line_finds_nothing_cheaper() {
+    for cells in [[6, 8], [8, 4]] {
+        with_system(cells, |system, _| {
+            let ranking = Ranking::new(choices(system, &mut Progress::silent()));
+            let first = ranking.first().expect("a choice");
+            let found = first.least_cost();
+            let ProfileChoice::Gaussian { sigma: Some(sigma) } = first.profile else {
+                panic!("{:?}", first.profile)
+            };
+            for k in -400..=400 {
+                let sigma = Some(sigma * (1.0 + 5e-4 * f64::from(k)));
+                let candidate = ProfileCandidate::planned(ProfileChoice::Gaussian { sigma });
+                let cost = choice(system, &candidate).least_cost();
+                assert!(cost >= (1.0 - CLOSE) * found, "{sigma:?}: {cost:e} {found:e}");
             }
-        }
-        assert!(compared > 150 && 10 * bounds < compared, "{bounds} of {compared}");
-        // The choice that is cheapest to emulate is not the cheapest here, nor is the default
-        // parameter of a run.
-        let emulated = [
-            ProfileChoice::Designed,
-            ProfileChoice::Gaussian { sigma: None },
-            ProfileChoice::LowSomma { c: None },
-        ];
-        for profile in emulated {
-            let cost = choice(system, &ProfileCandidate::planned(profile.clone())).least_cost();
-            assert!(cost > 10.0 * found, "{profile:?}: {cost:e} {found:e}");
-        }
-    });
+        });
+    }
 }
 
 /// The case of a choice has the plan whose cost was computed.

@@ -165,84 +165,68 @@ mod tests {
     use super::*;
     use crate::problem::case::Exact;
 
+    /// Calls `test` with the density of `f(1) = formula` in the unit box of `dimension` axes.
+    fn with_density(dimension: usize, formula: &str, test: impl Fn(&DensityAtPoint<'_>)) {
+        let axis = "[[axis]]\nx = { lower = 0, upper = 1, cells = 4 }\n\
+                    v = { lower = 0, upper = 1, cells = 4 }\n";
+        let text = format!(
+            "{}[[potential]]\nvalue = 0\n[initial]\nf = 0\n[exact]\nf = \"{formula}\"\n\
+             [time]\nend = 1\n",
+            axis.repeat(dimension)
+        );
+        let case = Case::parse("jump", &text, &[]).expect("a case");
+        let Some(Exact::Formula(formula)) = &case.exact else { panic!("a formula") };
+        let values = &ExactValues::Given(formula);
+        test(&DensityAtPoint { case: &case, point: [0.5; 6], values });
+    }
+
     /// In two dimensions the errors of all panels along a jump have one sign.
     #[test]
     fn a_jump_across_panels_does_not_fool_the_quadrature() {
         for edge in [0.0155, 0.0631, 0.1257, 0.3123] {
-            let axis = "[[axis]]\nx = { lower = 0, upper = 1, cells = 4 }\n\
-                        v = { lower = 0, upper = 1, cells = 4 }\n";
-            let text = format!(
-                "{axis}{axis}[[potential]]\nvalue = 0\n[initial]\nf = 0\n[exact]\n\
-                 f = \"1 if vx < {edge} else 0\"\n[time]\nend = 1\n"
-            );
-            let case = Case::parse("jump", &text, &[]).expect("a case");
-            let Some(Exact::Formula(formula)) = &case.exact else { panic!("a formula") };
-            let values = &ExactValues::Given(formula);
-            let there = DensityAtPoint { case: &case, point: [0.5; 6], values };
-            for accuracy in [0.1, 0.02] {
-                let TracedDensity { density, error, .. } = there.by_quadrature(accuracy);
-                let off = (density - edge).abs() / edge;
-                assert!(
-                    off <= error && error <= 0.5 * accuracy,
-                    "{edge} {accuracy}: {off} {error}"
-                );
-            }
+            with_density(2, &format!("1 if vx < {edge} else 0"), |there| {
+                for accuracy in [0.1, 0.02] {
+                    let TracedDensity { density, error, .. } = there.by_quadrature(accuracy);
+                    let off = (density - edge).abs() / edge;
+                    let is_right = off <= error && error <= 0.5 * accuracy;
+                    assert!(is_right, "{edge} {accuracy}: {off} {error}");
+                }
+            });
         }
     }
 
     /// Where no more values may be taken, the error that is left is returned.
     #[test]
     fn an_error_that_is_not_reached_is_returned() {
-        let text = "[[axis]]\nx = { lower = 0, upper = 1, cells = 4 }\n\
-                    v = { lower = 0, upper = 1, cells = 4 }\n[[potential]]\nvalue = 0\n\
-                    [initial]\nf = 0\n[exact]\nf = \"1 if v < 1/3 else 0\"\n[time]\nend = 1\n";
-        let case = Case::parse("jump", text, &[]).expect("a case");
-        let Some(Exact::Formula(formula)) = &case.exact else { panic!("a formula") };
-        let values = &ExactValues::Given(formula);
-        let rule = PanelRule {
-            relative: 1e-9,
-            most: 20,
-            ..PanelRule::new(values, &case.space, case.end, vec![4])
-        };
-        let found = rule.sampled(&[0.5, 0.0, 0.0]);
-        let off = (found.integral.moments[0] - 1.0 / 3.0).abs();
-        assert!(found.points <= 21 && found.integral.error > 1e-3, "{}", found.points);
-        assert!(off <= 2.0 * found.integral.error, "{off} {}", found.integral.error);
+        with_density(1, "1 if v < 1/3 else 0", |there| {
+            let rule = PanelRule {
+                relative: 1e-9,
+                most: 20,
+                ..PanelRule::new(there.values, &there.case.space, there.case.end, vec![4])
+            };
+            let found = rule.sampled(&[0.5, 0.0, 0.0]);
+            let off = (found.integral.moments[0] - 1.0 / 3.0).abs();
+            assert!(found.points <= 21 && found.integral.error > 1e-3, "{}", found.points);
+            assert!(off <= 2.0 * found.integral.error, "{off} {}", found.integral.error);
+        });
     }
 
     /// Densities with a jump between velocities, to the accuracy that is asked for.
     #[test]
     fn a_jump_does_not_fool_the_quadrature() {
         for edge in [0.1f64, 1.0 / 3.0, 0.5, 0.500001, 0.77777, 1.0 / 64.0] {
-            let text = format!(
-                r#"
-                [[axis]]
-                x = {{ lower = 0, upper = 1, cells = 8 }}
-                v = {{ lower = 0, upper = 1, cells = 8 }}
-                [[potential]]
-                value = 0
-                [initial]
-                f = 0
-                [exact]
-                f = "1 + v^2 if v < {edge} else 0.25"
-                [time]
-                end = 1
-                [solver]
-                tolerance = 1e-6
-                "#
-            );
-            let case = Case::parse("jump", &text, &[]).expect("a case");
-            let Some(Exact::Formula(formula)) = &case.exact else { panic!("a formula") };
-            let values = &ExactValues::Given(formula);
-            let there = DensityAtPoint { case: &case, point: [0.0; 6], values };
             let exact = edge + edge.powi(3) / 3.0 + 0.25 * (1.0 - edge);
-            for accuracy in [1e-2, 1e-5, 1e-9] {
-                let TracedDensity { density, traces, error, .. } = there.by_quadrature(accuracy);
-                let off = (density - exact).abs() / exact;
-                // Beside the bound there is round-off.
-                assert!(off <= error + 1e-14, "{edge} {accuracy}: {off:e} {error:e}");
-                assert!(error <= 0.5 * accuracy && traces < 800, "{edge} {accuracy}: {traces}");
-            }
+            with_density(1, &format!("1 + v^2 if v < {edge} else 0.25"), |there| {
+                for accuracy in [1e-2, 1e-5, 1e-9] {
+                    let found = there.by_quadrature(accuracy);
+                    let TracedDensity { density, traces, error, .. } = found;
+                    let off = (density - exact).abs() / exact;
+                    // Beside the bound there is round-off.
+                    assert!(off <= error + 1e-14, "{edge} {accuracy}: {off:e} {error:e}");
+                    let is_quick = error <= 0.5 * accuracy && traces < 800;
+                    assert!(is_quick, "{edge} {accuracy}: {traces}");
+                }
+            });
         }
     }
 

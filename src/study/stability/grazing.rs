@@ -27,6 +27,7 @@
 
 use crate::base::bisect::bisect;
 use crate::base::error::{Error, Result};
+use crate::base::random::evenly_spread;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
 use crate::problem::grid::PhaseSpace;
@@ -49,8 +50,6 @@ const CELLS: usize = 4096;
 const FROM: f64 = 0.05;
 const TO: f64 = 2.0;
 const HEIGHTS: usize = 64;
-/// The golden ratio, less one: the fractional parts of its multiples are spread evenly.
-const GOLDEN: f64 = 0.618_033_988_749_894_8;
 /// Number of spikes that are measured.
 const SPIKES: usize = 3;
 /// Number of slowest sources whose spikes are located.
@@ -186,8 +185,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
             notes.push(format!("{} of {HEIGHTS} heights tried", points.len() - before));
             break;
         }
-        let part = (k as f64 * GOLDEN).fract();
-        points.push(at(FROM + (TO - FROM) * part)?);
+        points.push(at(FROM + (TO - FROM) * evenly_spread(k))?);
     }
     points.sort_by(|a, b| a.x.total_cmp(&b.x));
     points.dedup_by(|a, b| a.x == b.x);

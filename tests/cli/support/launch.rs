@@ -67,6 +67,9 @@ impl Drop for Slots {
     }
 }
 
+/// A number of ranks and the blocks of space (`--ranks-x`). The other ranks share the modes.
+pub type RankMesh = (usize, &'static str);
+
 /// A call of the program.
 #[derive(Clone, Debug)]
 pub struct Job {

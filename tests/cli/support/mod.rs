@@ -14,7 +14,7 @@ mod shared;
 pub use cases::*;
 pub use checks::*;
 pub use files::*;
-pub use launch::Job;
+pub use launch::{Job, RankMesh};
 pub use outcome::{Finished, Summary};
 pub use refusal::*;
 pub use results::*;
