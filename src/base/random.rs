@@ -2,8 +2,8 @@
 
 use rand_chacha::rand_core::Rng;
 
-/// The fractional part of `k` times the golden ratio. Those of the first few `k`, however many, fill
-/// `[0, 1)` evenly.
+/// The fractional part of `k` times the golden ratio. Those of the first few `k`, however many,
+/// fill `[0, 1)` evenly.
 pub fn evenly_spread(k: usize) -> f64 {
     const GOLDEN: f64 = 1.618_033_988_749_895;
     (k as f64 * GOLDEN).fract()
