@@ -47,20 +47,34 @@ pub fn poisson_window(lambda: f64, negligible: f64) -> Range<usize> {
 }
 
 /// Poisson probabilities over [`poisson_window`], scaled to sum 1 exactly up to round-off.
-fn poisson_weights(lambda: f64, negligible: f64) -> (usize, Vec<f64>) {
-    let window = poisson_window(lambda, negligible);
-    // By ratios from the largest outwards: relative errors stay at round-off, unlike with `lgamma`.
-    let mode = (lambda.floor() as usize).clamp(window.start, window.end - 1);
-    let mut weights = vec![1.0; window.len()];
-    for k in mode + 1..window.end {
-        weights[k - window.start] = weights[k - 1 - window.start] * lambda / k as f64;
+struct PoissonWeights {
+    window: Range<usize>,
+    /// One for each `k` of the window.
+    weights: Vec<f64>,
+}
+
+impl PoissonWeights {
+    fn new(lambda: f64, negligible: f64) -> Self {
+        let window = poisson_window(lambda, negligible);
+        // By ratios from the largest outwards: relative errors stay at round-off, unlike with
+        // `lgamma`.
+        let mode = (lambda.floor() as usize).clamp(window.start, window.end - 1);
+        let mut weights = vec![1.0; window.len()];
+        for k in mode + 1..window.end {
+            weights[k - window.start] = weights[k - 1 - window.start] * lambda / k as f64;
+        }
+        for k in (window.start..mode).rev() {
+            weights[k - window.start] = weights[k + 1 - window.start] * (k + 1) as f64 / lambda;
+        }
+        let sum: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= sum);
+        Self { window, weights }
     }
-    for k in (window.start..mode).rev() {
-        weights[k - window.start] = weights[k + 1 - window.start] * (k + 1) as f64 / lambda;
+
+    /// The weight of term `k`; `None` below and above the window.
+    fn get(&self, k: usize) -> Option<f64> {
+        self.weights.get(k.checked_sub(self.window.start)?).copied()
     }
-    let sum: f64 = weights.iter().sum();
-    weights.iter_mut().for_each(|w| *w /= sum);
-    (window.start, weights)
 }
 
 /// Longest panel of [`Classical::duhamel`], as a part of `1/rate`: 16 nodes integrate a function
@@ -253,37 +267,38 @@ impl<'a> Classical<'a> {
         }
         let parts = exponential_parts(span.courant(), self.matrix.by_elements);
         let part = ClassicalSpan { time: span.time / parts as f64, ..span };
-        let (start, weights) = poisson_weights(part.courant(), negligible);
-        let left_out = std::iter::repeat_n(None, start);
-        let weights: Vec<Option<f64>> = left_out.chain(weights.into_iter().map(Some)).collect();
+        let weights = PoissonWeights::new(part.courant(), negligible);
         for _ in 0..parts {
             self.apply_series(exchange, state, span.rate, &weights);
         }
     }
 
-    /// `state ← Σ_k weight_k Q^k state`, without the terms that have no weight. Collective over the
+    /// `state ← Σ_k weight_k Q^k state` over the terms that have a weight. Collective over the
     /// space group.
     fn apply_series(
         &mut self,
         exchange: &mut GhostExchange,
         state: &mut [f64],
         rate: f64,
-        weights: &[Option<f64>],
+        weights: &PoissonWeights,
     ) {
         let rows = self.matrix.rows();
         self.sum[..rows].fill(0.0);
         let Self { matrix, sum, inflow, image, progress, .. } = self;
-        let mut terms = ExponentialTerms { matrix, inflow, rate, sum };
+        let mut terms = ExponentialTerms { matrix, inflow, rate, weights, sum };
         let (mut x, mut next) = (&mut *state, &mut image[..]);
-        for weights in weights.chunks(TOGETHER) {
+        let end = weights.window.end;
+        for first in (0..end).step_by(TOGETHER) {
+            let range = first..end.min(first + TOGETHER);
+            let count = range.len();
             match matrix.layer() {
-                Some(layer) => terms.add_together(layer, weights, [x, next]),
-                None => terms.add_one_by_one(exchange, weights, [x, next]),
+                Some(layer) => terms.add_together(layer, range, [x, next]),
+                None => terms.add_one_by_one(exchange, range, [x, next]),
             }
-            if weights.len() % 2 == 1 {
+            if count % 2 == 1 {
                 std::mem::swap(&mut x, &mut next);
             }
-            progress.advance(weights.len());
+            progress.advance(count);
         }
         progress.finish();
         state[..rows].copy_from_slice(&self.sum[..rows]);
@@ -354,34 +369,35 @@ struct ExponentialTerms<'a> {
     /// `b`, see [`Classical::set_inflow`].
     inflow: &'a [f64],
     rate: f64,
+    weights: &'a PoissonWeights,
     /// The sum of the terms so far.
     sum: &'a mut [f64],
 }
 
 impl ExponentialTerms<'_> {
-    /// Adds a term `x` with its weight, and turns `A x` into the next one, in some rows.
-    fn add(&mut self, rows: Range<usize>, weight: Option<f64>, image: &mut [f64], x: &[f64]) {
+    /// Adds term `k`, which is `x`, and turns `A x` into the next one, in some rows.
+    fn add(&mut self, rows: Range<usize>, k: usize, image: &mut [f64], x: &[f64]) {
         // A constant inflow is an unknown 1 that stays 1.
         self.matrix.add_inflow(self.inflow, rows.clone(), image);
         let x = &x[rows.clone()];
-        if let Some(weight) = weight {
+        if let Some(weight) = self.weights.get(k) {
             self.sum[rows.clone()].iter_mut().zip(x).for_each(|(sum, x)| *sum += weight * x);
         }
         image[rows].iter_mut().zip(x).for_each(|(a, x)| *a = x + *a / self.rate);
     }
 
-    /// Adds terms with these weights, except those without one. The next term is then in the first
-    /// vector for an even number of terms, in the second for an odd one.
+    /// Adds terms of which the first is `x`. The term after the last is then in the first vector
+    /// for an even number of terms, in the second for an odd one.
     fn add_one_by_one(
         &mut self,
         exchange: &mut GhostExchange,
-        weights: &[Option<f64>],
+        terms: Range<usize>,
         [mut x, mut next]: [&mut [f64]; 2],
     ) {
         let matrix = self.matrix;
-        for weight in weights {
+        for k in terms {
             let add = |rows: Range<usize>, image: &mut [f64], x: &[f64]| {
-                self.add(rows, *weight, image, x);
+                self.add(rows, k, image, x);
             };
             matrix.apply_then(exchange, Operator::Generator, next, x, add);
             std::mem::swap(&mut x, &mut next);
@@ -391,7 +407,7 @@ impl ExponentialTerms<'_> {
     /// Adds terms as [`add_one_by_one`](Self::add_one_by_one) does, but in one pass through memory,
     /// `layer` rows at a time. Each term lags one layer behind the previous one, so that its inputs
     /// are complete and the rows that it overwrites are no longer needed.
-    fn add_together(&mut self, layer: usize, weights: &[Option<f64>], [x, next]: [&mut [f64]; 2]) {
+    fn add_together(&mut self, layer: usize, terms: Range<usize>, [x, next]: [&mut [f64]; 2]) {
         let (matrix, cells) = (self.matrix, self.matrix.block.cells());
         let mut step = |term: usize, rows: Range<usize>| {
             let (from, to) = match term % 2 {
@@ -399,14 +415,14 @@ impl ExponentialTerms<'_> {
                 _ => (&*next, &mut *x),
             };
             matrix.apply_run(rows, Operator::Generator, to, from, &mut |rows, image, x| {
-                self.add(rows, weights[term], image, x);
+                self.add(rows, terms.start + term, image, x);
             });
         };
         // Auxiliary unknowns do not change.
-        (0..weights.len()).for_each(|term| step(term, cells..matrix.rows()));
+        (0..terms.len()).for_each(|term| step(term, cells..matrix.rows()));
         let layers = cells / layer;
-        for front in 0..layers + weights.len() - 1 {
-            for term in 0..weights.len() {
+        for front in 0..layers + terms.len() - 1 {
+            for term in 0..terms.len() {
                 if let Some(at) = front.checked_sub(term).filter(|at| *at < layers) {
                     step(term, at * layer..(at + 1) * layer);
                 }
@@ -456,10 +472,15 @@ mod tests {
 
     #[test]
     fn poisson_weights_sum_to_one_and_have_the_right_mean() {
-        for lambda in [1e-3, 0.7, 13.0, 127.0, 5000.0] {
-            let (start, weights) = poisson_weights(lambda, EXACT);
-            let sum: f64 = weights.iter().sum();
-            let mean: f64 = weights.iter().enumerate().map(|(k, w)| (start + k) as f64 * w).sum();
+        for lambda in [1e-3, 0.7, 13.0, 127.0, 5000.0, 1e9] {
+            let found = PoissonWeights::new(lambda, EXACT);
+            // The memory grows with the width of the distribution, not with its mean.
+            assert!(found.weights.len() as f64 <= 20.0 * (lambda.sqrt() + 1.0), "{lambda}");
+            assert_eq!(found.get(found.window.end), None);
+            assert_eq!(found.get(found.window.start.wrapping_sub(1)), None);
+            let weights = || found.window.clone().map(|k| (k, found.get(k).unwrap_or(0.0)));
+            let sum: f64 = weights().map(|(_, weight)| weight).sum();
+            let mean: f64 = weights().map(|(k, weight)| k as f64 * weight).sum();
             assert!((sum - 1.0).abs() < 1e-14);
             assert!((mean / lambda - 1.0).abs() < 1e-12, "{lambda}: {mean}");
         }

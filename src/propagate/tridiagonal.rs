@@ -103,6 +103,9 @@ impl TridiagonalExponential {
         most: f64,
         slope: f64,
     ) -> (f64, f64) {
+        if beta == 0.0 {
+            return (most, 0.0);
+        }
         for k in 0..m {
             let product = self.vectors[k][0] * self.vectors[k][m - 1];
             self.terms[k] = product.into();

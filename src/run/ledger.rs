@@ -21,6 +21,7 @@ use crate::problem::case::Case;
 use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
 use crate::problem::grid::{AxisEnd, PhaseSpace, axis_names, coordinate};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
+use crate::propagate::inflow_panels::{InflowPanels, MOST, NODES};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::arrivals::Arrivals;
 use crate::run::ledger::draw::{
@@ -46,15 +47,10 @@ const POINTS_AT_ONCE: usize = 1 << 10;
 const NEGLIGIBLE: f64 = 1e-9;
 /// Distance beyond the velocity box up to which data are evaluated, in widths of the box.
 const BEYOND: f64 = 0.5;
-/// Least number of equal parts of the time by which a time-dependent inflow is integrated.
-const LEAST_PARTS: usize = 1 << 8;
-/// Nodes of Gauss's rule on each of these parts.
-const NODES: usize = 4;
-/// Relative change of the mass by doubling the parts, at or below which there are enough parts.
-const ENOUGH: f64 = 1e-10;
-/// About the largest number of values of the inflow in all. It is reached where the inflow jumps in
-/// time.
-const MOST_VALUES: usize = 1 << 21;
+
+/// Least number of parts of the time, of [`NODES`] nodes each, over which a time-dependent inflow is
+/// integrated: a short pulse that the panels of the propagation overlook is noticed.
+const INFLOW_PARTS: f64 = 256.0;
 
 /// What is known before the solve.
 #[derive(Default)]
@@ -97,10 +93,6 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
             found.arrivals = arrivals;
             found.arrivals.halved = tracer.halved();
         }
-    }
-    if case.is_measure_valued() {
-        let why = "mass that entered: with measure-valued data it is not linear in the fields";
-        found.ledger.omitted.push(why.into());
     }
     Ok(found)
 }
@@ -395,11 +387,13 @@ fn box_around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     SampleBox { lower: (0..axes).map(lower).collect(), upper: (0..axes).map(upper).collect() }
 }
 
-/// The mass that enters the grid until the end, by the rows of the scheme; `None` for
-/// measure-valued data. Collective.
-pub fn entered_mass(prepared: &Prepared) -> Option<f64> {
+/// The mass that enters the grid until the end, by the rows of the scheme. Without it, the reason
+/// is added to `ledger`. Collective.
+pub fn entered_mass(prepared: &Prepared, ledger: &mut Ledger) -> Option<f64> {
     let (case, system) = (&prepared.case, &prepared.system);
     if case.is_measure_valued() {
+        let why = "mass that entered: with measure-valued data it is not linear in the fields";
+        ledger.omitted.push(why.into());
         return None;
     }
     if !case.enters() {
@@ -416,30 +410,24 @@ pub fn entered_mass(prepared: &Prepared) -> Option<f64> {
         let values = matrix.inflow.iter().map(|row| case.duration() * row.values[0]);
         return Some(mass(&values.collect::<Vec<f64>>()));
     }
-    let most = MOST_VALUES / (NODES * space.sum_count(matrix.inflow.len()).max(1));
-    let mut parts = LEAST_PARTS;
-    let mut found = mass(&varying_integrals(case, matrix, parts));
-    while 2 * parts <= most {
-        parts *= 2;
-        let finer = mass(&varying_integrals(case, matrix, parts));
-        let change = (finer - found).abs();
-        found = finer;
-        if change <= ENOUGH * finer.abs() {
-            break;
-        }
+    let panels = InflowPanels::new(case, case.duration() / INFLOW_PARTS);
+    if let Some(time) = panels.unresolved_from {
+        let time = case.start_time + time;
+        ledger.omitted.push(format!(
+            "mass that entered: the inflow varies too fast for {MOST} panels, from t = {time} on"
+        ));
+        return None;
     }
-    Some(found)
+    Some(mass(&varying_integrals(case, matrix, &panels)))
 }
 
-/// `∫ b_i dt` until the end for each row of a time-dependent inflow, over `parts` equal parts.
-fn varying_integrals(case: &Case, matrix: &BlockMatrix, parts: usize) -> Vec<f64> {
-    let part = case.duration() / parts as f64;
+/// `∫ b_i dt` until the end for each row of an inflow that depends on time.
+fn varying_integrals(case: &Case, matrix: &BlockMatrix, panels: &InflowPanels) -> Vec<f64> {
     let rule = gauss_legendre(NODES);
     let mut integrals = vec![0.0; matrix.inflow.len()];
-    for k in 0..parts {
-        let ends = [k, k + 1].map(|k| case.start_time + k as f64 * part);
-        for point in rule.iter().map(|point| point.moved_to(ends)) {
-            let values = matrix.entering.values(&case.fields[0], point.node);
+    for panel in panels.each() {
+        for point in rule.iter().map(|point| point.moved_to(panel)) {
+            let values = matrix.entering.values(&case.fields[0], case.start_time + point.node);
             for (sum, value) in integrals.iter_mut().zip(values) {
                 *sum += point.weight * value;
             }

@@ -164,11 +164,11 @@ impl<'a> Driver<'a> {
         let at_start = at_start(&mut planned.prepared);
         let totals = at_start.as_ref().map(|found| found.totals);
         self.summary.mass_initial = totals.map(|totals| totals.mass);
-        let LedgerBeforeRun { ledger, arrivals } = match self.output {
+        let LedgerBeforeRun { mut ledger, arrivals } = match self.output {
             Some(_) => ledger::before_run(&self.world.group(), &reduced.result_grid.case)?,
             None => LedgerBeforeRun::default(),
         };
-        let entered = ledger::entered_mass(&planned.prepared);
+        let entered = ledger::entered_mass(&planned.prepared, &mut ledger);
         self.log.watch.lap("observables");
         let early = at_start.filter(|_| planned.prepared.case.output_at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered, arrivals })

@@ -10,7 +10,7 @@ pub struct Row {
     pub entries: Vec<(usize, f64)>,
     /// `b_i` of each field at the start: the inflow through the boundary.
     pub inflow: [f64; MOST_FIELDS],
-    /// `−Σ_j A_ij ≥ 0`: the rate at which the row draws on the inflow.
+    /// The rate at which the row draws on the inflow, `≥ 0`; with open ends `−Σ_j A_ij`.
     pub draw: f64,
     /// The sources of the inflow.
     pub sources: Vec<InflowSource>,
@@ -58,9 +58,10 @@ impl Row {
         self.sources.clear();
     }
 
-    /// Sorts by column and adds up entries of the same column.
+    /// Sorts by column and adds up entries of the same column, in the order in which they were
+    /// added: the bits do not depend on the algorithm that sorts.
     pub(super) fn finish(&mut self) {
-        self.entries.sort_unstable_by_key(|e| e.0);
+        self.entries.sort_by_key(|e| e.0);
         self.entries.dedup_by(|next, kept| {
             let same = next.0 == kept.0;
             if same {

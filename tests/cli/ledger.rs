@@ -102,6 +102,27 @@ fn inflow_stays_in_the_box_without_outflow() {
     });
 }
 
+/// Inflow that jumps in time is integrated up to its jumps, however many velocities enter.
+#[test]
+fn jumping_inflow_is_counted_to_round_off() {
+    const TEXT: &str = "[[axis]]\nx = { lower = 0, upper = 1, cells = 9 }\n\
+        v = { lower = -0.5, upper = 1.5, cells = 4000 }\n\
+        [[potential]]\nvalue = \"0\"\n[initial]\nf = \"0\"\n\
+        [inflow]\nvalue = \"(2 if t < 0.0837 else 0) * (v > 0)\"\n[time]\nend = 0.1\n\
+        [solver]\nmethod = \"classical\"\n";
+    let place = directory();
+    let path = written(place.path(), TEXT).unwrap();
+    let late: &[&str] = &["inflow.value=(2 if t > 0.0931 else 0) * (v > 0)"];
+    for (name, settings, seconds) in [("early", &[][..], 0.0837), ("late", late, 0.1 - 0.0931)] {
+        let job = Job::new(["run", &path]).set(settings);
+        let summary = job.solve(&place.path().join(name)).unwrap();
+        // 2 v of the velocities up to 1.5, for so many seconds.
+        let exact = 1.5 * 1.5 * seconds;
+        let entered = number(&summary, "mass", "entered").unwrap();
+        summary.holds(near("entered", entered / exact, 1.0, 1e-10)).unwrap();
+    }
+}
+
 fn require_positive(summary: &Summary, value: f64) -> Result<(), String> {
     summary.require(value > 0.0, || format!("{value} is not above 0"))
 }

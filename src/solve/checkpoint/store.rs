@@ -411,7 +411,9 @@ fn generation(directory: &Path, number: u64) -> PathBuf {
 /// Numbers of the generations in `directory`, newest first.
 fn generations(directory: &Path) -> Vec<u64> {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
-    let number = |name: &str| name.parse::<u64>().ok().filter(|n| format!("{n:06}") == name);
+    // A next number must be left.
+    let is_number = |n: &u64, name: &str| *n < u64::MAX && format!("{n:06}") == name;
+    let number = |name: &str| name.parse().ok().filter(|n| is_number(n, name));
     let mut found: Vec<u64> = entries.filter_map(|e| number(e.file_name().to_str()?)).collect();
     found.sort_unstable_by_key(|&n| std::cmp::Reverse(n));
     found
