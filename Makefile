@@ -85,7 +85,7 @@ stability: build ## where methods fail on example 1, for docs/stability.md (or C
 baseline: build ## where results differ from those of an older commit (REFERENCE=DIR)
 	scripts/baseline.sh --compare $(REFERENCE) --program $(PROGRAM) $(ARGS)
 
-lines: ## lines of code by room, without comments and unit tests
+lines: ## lines of code by module, without comments and unit tests
 	scripts/lines.sh
 
 slurm: $(if $(BUILT),,build) ## test the job scripts on a Slurm started here (BUILT=yes: no build)

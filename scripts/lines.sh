@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Lines of code by room of src/, tests, checks and repeated lines by folder, at a commit.
+# Lines of code by module of src/, tests, checks and repeated lines by folder, at a commit.
 #
 #   scripts/lines.sh [COMMIT]    default: HEAD
 #
@@ -27,16 +27,16 @@ counts() {
         END { print lines + 0, code + 0 }'
 }
 
-echo "| room | lines | code |"
+echo "| module | lines | code |"
 echo "|---|---|---|"
 files src '\.rs$' | { grep -vE '/tests(\.rs$|/)' || true; } | while read -r file; do
-    room=${file#src/}
-    room=${room%%/*}
-    echo "${room%.rs} $(counts "$file")"
+    module=${file#src/}
+    module=${module%%/*}
+    echo "${module%.rs} $(counts "$file")"
 done | awk '
     { lines[$1] += $2; code[$1] += $3; of_all += $2; all += $3 }
     END {
-        for (room in lines) print "| " room " | " lines[room] " | " code[room] " |" | "sort"
+        for (module in lines) print "| " module " | " lines[module] " | " code[module] " |" | "sort"
         close("sort")
         print "| all | " of_all " | " all " |"
     }'

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Prints the table of tolerances in docs/verification.md: every case that takes seconds, both
 # interfaces, four tolerances, one rank; then elements of degree 1 to 4. A cell has the error that
-# is reached, the error estimate over it ("?": not called reliable), modes and applications. Needs
-# `make build` and Python 3.
+# is reached, the error estimate over it ("?": not called reliable), modes and applications. The
+# last two lines are those of the summary at the top of that page. Needs `make build` and Python 3.
 #
 #   scripts/verification.sh [--program PATH] [CASE…]
 #
@@ -34,12 +34,14 @@ tolerances() {
         "$program" run "$case" -o "$results" --force --set solver.verify=true "$@" \
             --set solver.tolerance=$tolerance \
             >"$results/log" 2>&1 || { cat "$results/log" >&2 && exit 1; }
-        python3 - "$label" "$interface" "$tolerance" "$results/summary.json" <<'P'
+        python3 - "$label" "$interface" "$tolerance" "$results" <<'P'
 import json, sys
-label, interface, tolerance, path = sys.argv[1:]
-s = json.load(open(path))
+label, interface, tolerance, results = sys.argv[1:]
+s = json.load(open(f"{results}/summary.json"))
 error = s["error_semidiscrete"]
 ratio = f"{s['error_estimate'] / error:.2f}"
+with open(f"{results}/ratios", "a") as file:
+    print(error / float(tolerance), ratio, s["error_estimate_reliable"], file=file)
 ratio += "" if s["error_estimate_reliable"] else "?"
 print(f" {error:.1e}; {ratio}; {s['modes']}, {s['matvecs']} |", end="", flush=True)
 if tolerance == "1e-11":
@@ -76,3 +78,19 @@ for entry in "${elements[@]}"; do
     done
     tolerances "cases/$name.toml" "$name" "degree $degree" "${options[@]}"
 done
+
+echo
+python3 - "$results/ratios" <<'P'
+import sys
+rows = [line.split() for line in open(sys.argv[1])]
+reliable = sorted(float(ratio) for _, ratio, known in rows if known == "True")
+within = [ratio for ratio in reliable if 1 / 3 <= ratio <= 3]
+beyond = ", ".join(f"{ratio:.2f}" for ratio in reliable if ratio not in within) or "none"
+largest = max(float(part) for part, _, _ in rows)
+print(f"{len(rows)} runs: the largest error is {largest:.2f} of the tolerance")
+if within:
+    print(
+        f"{within[0]:.2f} to {within[-1]:.2f} times the error in {len(within)} of"
+        f" {len(reliable)} reliable estimates; beyond: {beyond}"
+    )
+P

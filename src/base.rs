@@ -1,9 +1,9 @@
-//! Support for all rooms: errors, text, tables, log lines, directories, the machine, checksums,
+//! Support for all modules: errors, text, tables, log lines, directories, the machine, checksums,
 //! quadrature, piecewise polynomials, fixed-point sums.
 //!
-//! [`error::Error`] is the error of every room.
+//! [`error::Error`] is the error of every module.
 //!
-//! Uses: no other room. Paper: none.
+//! Uses: no other module. Paper: none.
 
 pub mod bisect;
 pub mod checksum;

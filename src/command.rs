@@ -1,8 +1,8 @@
-//! The subcommands: each has a file that reads its options, calls the rooms below and prints.
+//! The subcommands: each has a file that reads its options, calls the modules below and prints.
 //!
 //! [`cli::Cli`] is the command line, [`execute`] runs it.
 //!
-//! Uses: every room. Only the program uses commands. Paper: none.
+//! Uses: every module. Only the program uses commands. Paper: none.
 
 pub mod accuracy;
 pub mod advise;

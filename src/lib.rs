@@ -25,11 +25,11 @@
 //!           → rows of A → (S, K) and weights → modes → recovery → HDF5
 //! ```
 //!
-//! ## The map: fourteen rooms in one staircase
+//! ## The map: fourteen modules in layers
 //!
-//! A room imports rooms below it only.
+//! A module imports modules below it only.
 //!
-//! | room | what it holds |
+//! | module | what it holds |
 //! |---|---|
 //! | `command` | the command line: one function a subcommand |
 //! | `study` | many trials: advice, chart, stability, sweep, calibration, ranks, end to end |

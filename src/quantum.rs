@@ -21,8 +21,8 @@
 //! Every number is labelled exact, emitted, bound, estimate, model or unavailable: see
 //! [`labelled_number::LabelledNumber`].
 //!
-//! Uses: solve, and every room below. Paper: sections 3.2 (sparse access and cost) and 7 (recovery
-//! and readout), appendix on column sparsity.
+//! Uses: solve, and every module below. Paper: sections 3.2 (sparse access and cost) and 7
+//! (recovery and readout), appendix on column sparsity.
 
 use crate::base::error::{Error, Result};
 use crate::plan::Plan;

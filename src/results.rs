@@ -3,7 +3,7 @@
 //!
 //! [`dataset::Results`] is the content of `result.h5`, [`summary::Summary`] that of `summary.json`.
 //!
-//! Uses: quantum, solve, and every room below. Paper: the figures and tables of section 8.
+//! Uses: quantum, solve, and every module below. Paper: the figures and tables of section 8.
 
 pub mod accuracy;
 pub mod averages;

@@ -47,7 +47,7 @@ pub enum Command {
     #[command(
         mut_arg("output", |arg| arg.help("Directory to write report.html to; by default DIR")),
         mut_arg("force", |arg| arg.help(
-            "Replace a report.html of another case or of another program; write beside results of \
+            "Replace a report.html that is not of this case, or write into the directory of \
              another run"
         )),
     )]
@@ -126,8 +126,8 @@ pub struct Changes {
 /// The accuracy for which `advise` chooses grid, degree and tolerance.
 #[derive(Clone, Debug, Args)]
 pub struct AccuracyArgs {
-    /// Largest relative L1 error of the density at the final time. `advise` chooses grid, degree,
-    /// flux, interface and tolerance and prints them as --set options; --set must not give them
+    /// Largest relative L1 error of the density at the final time. Grid, degree, flux, interface
+    /// and tolerance are then chosen as by `advise`; do not give them by --set
     #[arg(long, value_name = "EPSILON", value_parser = accuracy, allow_negative_numbers = true)]
     pub accuracy: Option<f64>,
     /// Approximate time for the trial runs of --accuracy or solver.accuracy; by default 60s

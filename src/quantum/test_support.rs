@@ -1,4 +1,4 @@
-//! Support for the tests of this room.
+//! Support for the tests of this module.
 
 /// The exponent `a` of `y ~ x^a`: the slope of `ln y` over `ln x`, by least squares.
 pub(crate) fn exponent(points: &[(f64, f64)]) -> f64 {

@@ -9,7 +9,7 @@
 //! | `shape`, `text` | lines, markers and texts in pixels |
 //! | `raster`, `png_file` | pixels with few colours; pixels as a PNG file |
 //!
-//! `plotters` draws axes, grids, labels, dashes, intervals and colours. This room adds ticks (see
+//! `plotters` draws axes, grids, labels, dashes, intervals and colours. This module adds ticks (see
 //! `ticks`), more markers than its three, lines that end at the frame, where it would bend them,
 //! and legends beside the frame, as those of `plotters` hide data.
 

@@ -3,11 +3,11 @@
 
 mod chebyshev;
 mod fuzz;
+mod layers;
 mod names;
 mod plans;
 mod scheme;
 mod size;
-mod staircase;
 
 #[path = "../support/fuzz.rs"]
 mod fuzzing;

@@ -1,6 +1,5 @@
-//! The staircase of the sources: no file of `src/` imports from a room (a folder of `src/`) above
-//! its own, and no files import each other in a circle. The map in `src/lib.rs` gives the order of
-//! rooms.
+//! The layers of the sources: no file of `src/` imports from a layer (a folder of `src/`) above its
+//! own, and no files import each other in a circle. The map in `src/lib.rs` gives the order.
 //!
 //! An import is a path that begins with `crate`, `self`, `super` or a child module, in a `use` line
 //! or in the code. Comments, strings and unit tests do not count. The import leads to the file of
@@ -19,25 +18,25 @@ type Sources = BTreeMap<Module, String>;
 /// For each module, the modules that its file imports.
 type Imports = BTreeMap<Module, BTreeSet<Module>>;
 
-/// Rooms whose files import each other in a circle.
-const ROOMS_WITH_CIRCLES: [&str; 0] = [];
+/// Layers whose files import each other in a circle.
+const LAYERS_WITH_CIRCLES: [&str; 0] = [];
 
 #[test]
 fn imports_run_downwards_and_not_in_circles() {
     let sources = sources();
-    let rooms = rooms(&sources[&Module::new()]);
-    assert_eq!(rooms.len(), 14, "{rooms:?}");
+    let layers = layers(&sources[&Module::new()]);
+    assert_eq!(layers.len(), 14, "{layers:?}");
     let files: BTreeSet<&str> = sources.keys().filter_map(|m| Some(m.first()?.as_str())).collect();
-    let named: BTreeSet<&str> = rooms.iter().map(String::as_str).collect();
-    assert_eq!(files, named, "the rooms of src/ and those of the map");
+    let named: BTreeSet<&str> = layers.iter().map(String::as_str).collect();
+    assert_eq!(files, named, "the layers of src/ and those of the map");
     let imports = imports(&sources);
     let count: usize = imports.values().map(BTreeSet::len).sum();
     assert!(count > 500, "only {count} imports are found");
-    assert_none(&upwards(&imports, &rooms), "imports of a room above");
-    for room in &rooms {
-        let found = circles(&imports, room);
-        if ROOMS_WITH_CIRCLES.contains(&room.as_str()) {
-            assert!(!found.is_empty(), "{room} has no circle: take it off the list");
+    assert_none(&upwards(&imports, &layers), "imports of a layer above");
+    for layer in &layers {
+        let found = circles(&imports, layer);
+        if LAYERS_WITH_CIRCLES.contains(&layer.as_str()) {
+            assert!(!found.is_empty(), "{layer} has no circle: take it off the list");
         } else {
             assert_none(&found, "circles");
         }
@@ -75,8 +74,8 @@ fn sources() -> Sources {
     sources
 }
 
-/// The rooms of the map from top to bottom, in lines ``//! | `room` | … |``.
-fn rooms(first_page: &str) -> Vec<String> {
+/// The layers of the map from top to bottom, in lines ``//! | `layer` | … |``.
+fn layers(first_page: &str) -> Vec<String> {
     let name = |line: &str| {
         let (name, _) = line.strip_prefix("//! | `")?.split_once('`')?;
         Some(name.to_owned())
@@ -193,16 +192,16 @@ fn path_at(tokens: &[TokenTree], prefix: &[String], paths: &mut Vec<Vec<String>>
     k.max(1)
 }
 
-/// The imports from a room above.
-fn upwards(imports: &Imports, rooms: &[String]) -> Vec<String> {
+/// The imports from a layer above.
+fn upwards(imports: &Imports, layers: &[String]) -> Vec<String> {
     let height = |module: &Module| {
-        let room = module.first()?;
-        rooms.iter().rev().position(|name| name == room)
+        let layer = module.first()?;
+        layers.iter().rev().position(|name| name == layer)
     };
     let mut found = Vec::new();
     for (module, targets) in imports {
         for target in targets {
-            // `lib.rs` is above all rooms.
+            // `lib.rs` is above all layers.
             if let Some(own) = height(module)
                 && height(target).is_none_or(|other| other > own)
             {
@@ -213,9 +212,9 @@ fn upwards(imports: &Imports, rooms: &[String]) -> Vec<String> {
     found
 }
 
-/// The sets of files of a room in which imports lead from every file to every other one.
-fn circles(imports: &Imports, room: &str) -> Vec<String> {
-    let inside = |module: &&Module| module.first().is_some_and(|first| first == room);
+/// The sets of files of a layer in which imports lead from every file to every other one.
+fn circles(imports: &Imports, layer: &str) -> Vec<String> {
+    let inside = |module: &&Module| module.first().is_some_and(|first| first == layer);
     let reached: BTreeMap<&Module, BTreeSet<&Module>> = (imports.keys().filter(inside))
         .map(|module| (module, reached(imports, module, &inside)))
         .collect();
@@ -230,7 +229,7 @@ fn circles(imports: &Imports, room: &str) -> Vec<String> {
     found.into_iter().collect()
 }
 
-/// The modules `inside` the room to which imports of `module` lead, directly or through others.
+/// The modules `inside` the layer to which imports of `module` lead, directly or through others.
 fn reached<'a>(
     imports: &'a Imports,
     module: &Module,
@@ -294,25 +293,25 @@ fn other_imports_are_accepted() {
 
 #[test]
 fn a_planted_circle_is_found() {
-    let circle = |files: &[(&str, &str)]| circles(&imports(&planted(files)), "room");
+    let circle = |files: &[(&str, &str)]| circles(&imports(&planted(files)), "layer");
     let two =
-        [("room", ""), ("room::a", "use crate::room::b::B;"), ("room::b", "use super::a::A;")];
-    assert_eq!(circle(&two), ["crate::room::a, crate::room::b"]);
+        [("layer", ""), ("layer::a", "use crate::layer::b::B;"), ("layer::b", "use super::a::A;")];
+    assert_eq!(circle(&two), ["crate::layer::a, crate::layer::b"]);
     let three = [
-        ("room", ""),
-        ("room::a", "use crate::room::b;"),
-        ("room::b", "fn f() { crate::room::c::g(); }"),
-        ("room::c", "use crate::room::a::{A, X};"),
+        ("layer", ""),
+        ("layer::a", "use crate::layer::b;"),
+        ("layer::b", "fn f() { crate::layer::c::g(); }"),
+        ("layer::c", "use crate::layer::a::{A, X};"),
     ];
-    assert_eq!(circle(&three), ["crate::room::a, crate::room::b, crate::room::c"]);
+    assert_eq!(circle(&three), ["crate::layer::a, crate::layer::b, crate::layer::c"]);
     // A parent and its child use each other.
     let family =
-        [("room", "mod child;\nfn f() { child::g(); }"), ("room::child", "use crate::room::f;")];
-    assert_eq!(circle(&family), ["crate::room, crate::room::child"]);
+        [("layer", "mod child;\nfn f() { child::g(); }"), ("layer::child", "use crate::layer::f;")];
+    assert_eq!(circle(&family), ["crate::layer, crate::layer::child"]);
     let straight = [
-        ("room", "pub mod a;\npub mod b;"),
-        ("room::a", "use crate::room::b::B;"),
-        ("room::b", "fn f() -> crate::room::b::B {}"),
+        ("layer", "pub mod a;\npub mod b;"),
+        ("layer::a", "use crate::layer::b::B;"),
+        ("layer::b", "fn f() -> crate::layer::b::B {}"),
     ];
     assert!(circle(&straight).is_empty());
 }
