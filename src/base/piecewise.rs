@@ -109,8 +109,7 @@ impl PolynomialPiece {
 
     /// The values at both ends.
     fn ends(&self) -> [f64; 2] {
-        let signs = [-1.0, 1.0].into_iter().cycle();
-        let signs = signs.skip(1);
+        let signs = [1.0, -1.0].into_iter().cycle();
         let lower = self.coefficients.iter().zip(signs).map(|(c, sign)| c * sign).sum();
         [lower, self.coefficients.iter().sum()]
     }
