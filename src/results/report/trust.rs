@@ -1,6 +1,6 @@
 //! Whether a result can be trusted: the first section of the page.
 
-use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, percent, sentence, short};
+use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, counted, percent, sentence, short};
 use crate::results::accuracy::Accuracy;
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
@@ -272,15 +272,11 @@ fn conservation(ledger: Option<&Ledger>) -> Finding {
     let warnings = ledger.doubts();
     let (mark, value) = match warnings.len() {
         0 => (Mark::Good, "no warning".to_owned()),
-        1 => (Mark::Bad, "1 warning".to_owned()),
-        many => (Mark::Bad, format!("{many} warnings")),
+        count => (Mark::Bad, counted(count, "warning", "warnings")),
     };
     let lost = || Some(percent((ledger.mass.lost? / ledger.mass.absolute?).abs()));
-    let text = match warnings.into_iter().next() {
-        Some(first) => first,
-        None => lost()
-            .map_or(String::new(), |share| format!("{share} of the mass left the box or is lost")),
-    };
+    let share = |share: String| format!("{share} of the mass left the box or is lost");
+    let text = warnings.into_iter().next().or_else(|| lost().map(share)).unwrap_or_default();
     Finding { what, mark, value, text }
 }
 

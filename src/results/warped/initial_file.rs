@@ -17,7 +17,6 @@ use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::transform::Transform;
 use crate::solve::rank_modes::RankModes;
 use hdf5::{Dataset, File};
-use num_complex::Complex64;
 use std::path::{Path, PathBuf};
 
 /// Largest difference of a point of a file's axis from that of the case, relative to the axis, as
@@ -120,26 +119,6 @@ impl Flatness {
     }
 }
 
-/// Values of the trigonometric interpolant between the points of a file.
-struct MidpointValues {
-    transform: Transform,
-    line: Vec<f64>,
-}
-
-impl MidpointValues {
-    fn new(series: &Series, interval: [f64; 2], points: usize) -> Self {
-        let half = 0.5 * (interval[1] - interval[0]) / points as f64;
-        let transform = Transform::new(series, interval[0] + half);
-        Self { transform, line: vec![0.0; points] }
-    }
-
-    /// Values half a step after each point, from the modes of a cell.
-    fn values(&mut self, modes: &[Complex64], scale: f64) -> &[f64] {
-        self.transform.to_values(modes, scale, &mut self.line);
-        &self.line
-    }
-}
-
 /// A file with a warped field, and its points in `p`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpedFile {
@@ -202,7 +181,10 @@ impl WarpedFile {
         let mut transform = Transform::new(series, self.interval[0]);
         spread.fits(kept, &transform);
         assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
-        let mut between = MidpointValues::new(series, self.interval, transform.points());
+        // Values of the trigonometric interpolant half a step after each point.
+        let half = 0.5 * (self.interval[1] - self.interval[0]) / transform.points() as f64;
+        let mut to_middles = Transform::new(series, self.interval[0] + half);
+        let mut between = vec![0.0; transform.points()];
         let mut transpose = spread.transpose(&transform);
         let mut all = spread.modes_of_a_round(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
@@ -227,7 +209,8 @@ impl WarpedFile {
             for (cell, (modes, values)) in own.zip(lines) {
                 let weight = spread.pi[cell].sqrt();
                 transform.to_modes(values, weight, modes);
-                flatness.add(values, between.values(modes, 1.0 / weight));
+                to_middles.to_values(modes, 1.0 / weight, &mut between);
+                flatness.add(values, &between);
             }
             transpose.to_modes(&all, cells, kept.values_mut(), rows);
             Ok(())
