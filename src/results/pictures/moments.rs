@@ -135,9 +135,7 @@ pub(crate) fn planes(n: usize) -> Vec<[usize; 2]> {
 /// The moment that a row of maps shows.
 #[derive(Clone, Copy)]
 struct MomentMap<'a> {
-    /// Name of the dataset.
     name: &'a str,
-    /// Component of a vector.
     component: Option<usize>,
     /// The name of the moment in titles.
     label: &'a str,

@@ -43,7 +43,6 @@ pub struct Judgement {
 }
 
 impl Judgement {
-    /// The judgement in a summary.
     pub fn of(summary: &Value) -> Self {
         Self {
             accuracy: Accuracy::deserialize(&summary["accuracy"]).ok(),
