@@ -22,7 +22,6 @@ pub enum DatasetCells {
     PhaseSpace,
 }
 
-/// A kind of dataset.
 #[derive(Clone, Copy, Debug)]
 pub struct DatasetKind {
     pub name: &'static str,
@@ -92,7 +91,6 @@ pub fn moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY, MOMENTUM, VELOCITY], moments)
 }
 
-/// The moments of the exact solution.
 pub fn exact_moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY_EXACT, MOMENTUM_EXACT, VELOCITY_EXACT], moments)
 }
@@ -106,14 +104,9 @@ fn of_kinds([density, momentum, velocity]: [DatasetKind; 3], moments: &Moments) 
     .map(|(kind, components)| Field { kind, components })
 }
 
-/// The exact field, if there is one.
 pub fn exact(solution: Option<&ExactSolution>) -> Option<Field<'_>> {
-    match solution {
-        Some(ExactSolution::Field(values)) => {
-            Some(Field { kind: EXACT, components: vec![&values[..]] })
-        }
-        _ => None,
-    }
+    let Some(ExactSolution::Field(values)) = solution else { return None };
+    Some(Field { kind: EXACT, components: vec![&values[..]] })
 }
 
 /// The moments at every output time, the end last: first those computed, then exact ones, if they
@@ -170,7 +163,6 @@ impl DatasetLayout {
         }
     }
 
-    /// Names of the axes of a dataset.
     pub fn axes(&self, kind: DatasetKind) -> Vec<&'static str> {
         let component = kind.vector.then_some(COMPONENT);
         let others = self.names[..self.axes_over(kind.over)].iter().copied();

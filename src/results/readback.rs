@@ -226,7 +226,6 @@ pub(crate) struct StoredCase {
 }
 
 impl StoredCase {
-    /// The case in `file`.
     pub fn read(file: &File) -> hdf5::Result<Self> {
         let dataset = file.dataset("case")?;
         let overrides = text_attribute(&dataset, "overrides")?;

@@ -638,7 +638,6 @@ impl Summary {
     }
 }
 
-/// Name of the file.
 pub const NAME: &str = "summary.json";
 
 /// A summary with a checksum of itself.

@@ -38,7 +38,6 @@ pub struct Grid {
     pub fields: Vec<View>,
 }
 
-/// The grids at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridsAtTime {
     pub time: f64,
@@ -274,7 +273,6 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
 /// A rank's share of a field over space with reversed axes; the three components of a vector last.
 struct ReversedShare<'a> {
     axes: Vec<&'a str>,
-    /// The ranges of the share.
     ranges: Vec<Range<usize>>,
     values: Vec<f64>,
 }

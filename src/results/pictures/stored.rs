@@ -144,12 +144,10 @@ impl StoredRun {
         exists(&self.file, name)
     }
 
-    /// Whether the data are measure-valued.
     pub fn is_measure(&self) -> bool {
         self.has("phi")
     }
 
-    /// Whether the run is one by the classical method.
     pub fn is_classical(&self) -> bool {
         self.plan["method"] == "classical"
     }
@@ -181,7 +179,6 @@ impl StoredRun {
         }
     }
 
-    /// The time at the end of the run.
     pub fn end(&self) -> StoredTime {
         StoredTime { time: self.time, early: None }
     }
