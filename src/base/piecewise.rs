@@ -228,10 +228,8 @@ impl Piecewise {
 /// that become narrower towards an end.
 fn narrowest(pieces: &[PolynomialPiece]) -> Option<f64> {
     let widths: Vec<f64> = pieces.iter().map(PolynomialPiece::half).collect();
-    let narrower = |pair: &[f64]| pair[1] < pair[0];
-    let first = widths.windows(2).position(narrower)?;
-    let wider = |pair: &[f64]| pair[0] < pair[1];
-    let last = 1 + widths.windows(2).rposition(wider)?;
+    let first = widths.windows(2).position(|pair| pair[1] < pair[0])?;
+    let last = 1 + widths.windows(2).rposition(|pair| pair[0] < pair[1])?;
     let within = pieces.get(first..=last)?.iter();
     let found = within.min_by(|a, b| a.half().total_cmp(&b.half()))?;
     (2.0 * found.half() < NARROW).then(|| found.middle())

@@ -77,10 +77,9 @@ impl Palette {
     /// The palette of a figure: greys, the shades of its maps, and the colours of its lines on
     /// paper.
     pub fn of(figure: &Figure) -> Self {
-        let layers = || figure.panels.iter().flat_map(|panel| &panel.layers);
         let mut lines: Vec<RGBColor> = Vec::new();
         let mut maps: [Option<fn(f64) -> RGBColor>; 2] = [None; 2];
-        for layer in layers() {
+        for layer in figure.panels.iter().flat_map(|panel| &panel.layers) {
             match layer {
                 Layer::Map(map) => maps[usize::from(map.differences)] = Some(colours(map)),
                 Layer::Line { style: Style { colour, .. }, .. }

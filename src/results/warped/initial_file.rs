@@ -312,23 +312,23 @@ fn period(p: &[f64], points: usize) -> FileResult<([f64; 2], usize)> {
     if points < 2 || !points.is_multiple_of(2) {
         return Err(format!("/w has {points} points in p; an even number expected"));
     }
-    let step = (p[points - 1] - p[0]) / (points - 1) as f64;
+    let [first, last] = [p[0], p[points - 1]];
+    let step = (last - first) / (points - 1) as f64;
     let uneven = "/axis/p is not ascending in equal steps";
     if !(step > 0.0 && step.is_finite()) {
-        return Err(format!("{uneven}: from {} to {}", p[0], p[points - 1]));
+        return Err(format!("{uneven}: from {first} to {last}"));
     }
-    if p[0].abs().max(p[points - 1].abs()) > LARGEST_FILE_POINT {
-        let [first, last] = [p[0], p[points - 1]];
+    if first.abs().max(last.abs()) > LARGEST_FILE_POINT {
         return Err(format!(
             "/axis/p goes from {first:e} to {last:e}; at most {LARGEST_FILE_POINT:e} is read"
         ));
     }
-    let even: Vec<f64> = (0..points).map(|j| p[0] + step * j as f64).collect();
+    let even: Vec<f64> = (0..points).map(|j| first + step * j as f64).collect();
     let ((off, j), most) = (furthest(p, &even), allowed(step, points));
     if off > most {
         return Err(format!(
             "{uneven}: point {j} is off by {off:.1e}, at most {most:.1e} is allowed"
         ));
     }
-    Ok(([p[0], p[0] + step * points as f64], points))
+    Ok(([first, first + step * points as f64], points))
 }
