@@ -60,18 +60,13 @@ impl Judgement {
 /// The findings on the error of the algorithm, that of the grid, and mass and energy, with a
 /// verdict as heading.
 pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup {
-    let Judgement { accuracy, missed, continued, .. } = judgement;
     let findings = [
-        if classical {
-            steps(summary)
-        } else {
-            algorithm(summary, accuracy.as_ref(), missed.as_ref())
-        },
-        grid(accuracy.as_ref(), missed.as_ref(), continued.as_ref()),
+        if classical { steps(summary) } else { algorithm(summary, judgement) },
+        grid(judgement),
         conservation(judgement.whole_ledger()),
     ];
     let marks = findings.each_ref().map(|finding| finding.mark);
-    let has_goal = accuracy.as_ref().is_some_and(|accuracy| accuracy.goal.is_some());
+    let has_goal = judgement.accuracy.as_ref().is_some_and(|accuracy| accuracy.goal.is_some());
     let (class, verdict) = verdict(marks, has_goal);
     html! {
         section id="trust" class={ "trust " (class) } {
@@ -137,11 +132,8 @@ fn steps(summary: &Value) -> Finding {
 }
 
 /// The finding on the distance to the exact solution of the scheme's equations.
-fn algorithm(
-    summary: &Value,
-    accuracy: Option<&Accuracy>,
-    missed: Option<&MissedGoals>,
-) -> Finding {
+fn algorithm(summary: &Value, judgement: &Judgement) -> Finding {
+    let (accuracy, missed) = (judgement.accuracy.as_ref(), judgement.missed.as_ref());
     let what = sentence(ALGORITHM_ERROR);
     let own = ["error_semidiscrete", "error_estimate"].map(|key| summary[key].as_f64());
     if let Some(missed) = missed.and_then(|missed| missed.tolerance.as_ref()) {
@@ -175,11 +167,8 @@ fn algorithm(
 }
 
 /// The finding on the distance between the solutions of the scheme's equations and of the problem.
-fn grid(
-    accuracy: Option<&Accuracy>,
-    missed: Option<&MissedGoals>,
-    continued: Option<&ContinuedResult>,
-) -> Finding {
+fn grid(judgement: &Judgement) -> Finding {
+    let (accuracy, missed) = (judgement.accuracy.as_ref(), judgement.missed.as_ref());
     let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
     let Some((accuracy, errors)) = known else {
         let why = accuracy.and_then(|accuracy| accuracy.unknown.clone());
@@ -197,7 +186,7 @@ fn grid(
     let how = if accuracy.grid_measured { "measured" } else { "estimated" };
     let mut text = format!("relative L2, {how}");
     let goal_missed = missed.and_then(|missed| missed.accuracy.as_deref());
-    let mark = mark_of_grid(&mut text, accuracy, goal_missed, continued);
+    let mark = mark_of_grid(&mut text, accuracy, goal_missed, judgement.continued.as_ref());
     if mark == Mark::Good && accuracy.under_resolved {
         text += "; UNDER-RESOLVED, as the error of the algorithm is far smaller";
     }
@@ -333,7 +322,8 @@ mod tests {
             let measured = GridErrorPair { field: Some(error), density: None };
             let accuracy = accuracy.with_grid(measured, GridErrorPair::default());
             let missed = MissedGoals { accuracy: sentence.map(str::to_owned), tolerance: None };
-            let found = grid(Some(&accuracy), Some(&missed), None);
+            let (accuracy, missed) = (Some(accuracy), Some(missed));
+            let found = grid(&Judgement { accuracy, missed, ledger: None, continued: None });
             assert_eq!(found.mark, mark, "{}", found.text);
             assert!(found.text.contains(words), "{}", found.text);
         }
@@ -352,7 +342,7 @@ mod tests {
             "tolerance": 1e-6, "accuracy": accuracy, "missed": MissedGoals::default(),
             "continued": { "error_inherited": 2e-3 },
         });
-        let found = algorithm(&summary, Some(&accuracy), Some(&MissedGoals::default()));
+        let found = algorithm(&summary, &Judgement::of(&summary));
         assert_eq!(found.mark, Mark::Bad);
         assert!(found.text.contains("0.002 of it inherited"), "{}", found.text);
     }
