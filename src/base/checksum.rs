@@ -31,6 +31,7 @@ pub fn run_checksum(first: u64, elements: impl Iterator<Item = u64>) -> u64 {
     (first..).zip(elements).fold(0, |sum, (index, bits)| sum.wrapping_add(term(index, bits)))
 }
 
+/// The checksum of a text.
 pub fn of_text(bytes: &[u8]) -> u64 {
     run_checksum(0, bytes.iter().copied().map(u64::from))
 }
@@ -40,6 +41,7 @@ pub fn text(checksum: u64) -> String {
     format!("{checksum:016x}")
 }
 
+/// Size and checksum of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileChecksum {
     /// Size of the file in bytes.

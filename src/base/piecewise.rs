@@ -190,6 +190,7 @@ impl Piecewise {
         Self { pieces, ..found }
     }
 
+    /// The value at `x`.
     pub fn value(&self, x: f64) -> f64 {
         let next = self.pieces.partition_point(|piece| piece.upper < x);
         (self.pieces.get(next)).filter(|p| p.lower <= x).map_or(0.0, |piece| piece.value(x))

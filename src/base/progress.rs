@@ -30,6 +30,7 @@ impl Progress {
         Self { bar, prints, name, done: 0, total, started: Instant::now(), last: Instant::now() }
     }
 
+    /// Progress that is not shown.
     pub fn silent() -> Self {
         Self::new(false, "", 0)
     }

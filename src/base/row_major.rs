@@ -30,6 +30,7 @@ pub fn position(ranges: &[Range<usize>], indices: &[usize]) -> Option<usize> {
     })
 }
 
+/// A box of a dataset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DatasetBox {
     pub start: Vec<usize>,

@@ -12,6 +12,7 @@ use textwrap::core::display_width;
 /// Blanks between columns.
 const GAP: usize = 2;
 
+/// A column of a table.
 #[derive(Debug)]
 pub struct Column {
     /// The name, then a cell a row.
@@ -77,8 +78,10 @@ pub struct ColumnValues {
     pub labels: Vec<Label>,
 }
 
+/// A label of a value.
 #[derive(Clone, Copy, Debug)]
 pub struct Label {
+    /// The word for it.
     pub word: &'static str,
     /// The letter for it, in tables; a blank for none.
     pub mark: char,
@@ -157,6 +160,7 @@ fn tex_number(value: &Value, mark: char) -> String {
     }
 }
 
+/// Text in LaTeX.
 fn tex_text(text: &str) -> String {
     let mut shown = String::new();
     for c in text.chars() {

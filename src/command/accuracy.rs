@@ -47,9 +47,10 @@ pub fn with_accuracy(
     let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
         return match wanted.budget {
             None => Ok(case),
-            Some(_) => Err(Error::input(
+            Some(_) => Err(Error::Input(
                 "--budget is the time for the trial runs of an accuracy; --accuracy or \
-                 solver.accuracy is missing",
+                 solver.accuracy is missing"
+                    .to_owned(),
             )),
         };
     };

@@ -134,6 +134,7 @@ pub struct AccuracyArgs {
     pub budget: Option<Duration>,
 }
 
+/// Options of `init`.
 #[derive(Debug, Args)]
 pub struct InitArgs {
     /// The case file to write
@@ -147,12 +148,14 @@ pub struct InitArgs {
     pub force: bool,
 }
 
+/// Options of `completions`.
 #[derive(Debug, Args)]
 pub struct CompletionsArgs {
     /// The shell that reads the script
     pub shell: clap_complete::Shell,
 }
 
+/// Options of `man`.
 #[derive(Debug, Args)]
 pub struct ManArgs {
     /// Directory to write the pages to, such as ~/.local/share/man/man1
@@ -160,6 +163,7 @@ pub struct ManArgs {
     pub directory: PathBuf,
 }
 
+/// Options of `check`.
 #[derive(Debug, Args)]
 pub struct CheckArgs {
     #[command(flatten)]
@@ -171,6 +175,7 @@ pub struct CheckArgs {
     pub json: bool,
 }
 
+/// Options of `run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
     /// Case file (TOML); not given with --continue, which reads the case from the results.
@@ -215,6 +220,7 @@ pub struct RunArgs {
     pub walltime: Option<Duration>,
 }
 
+/// Options of `sweep`.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
     #[command(flatten)]
@@ -247,6 +253,7 @@ pub struct SweepArgs {
     pub walltime: Option<Duration>,
 }
 
+/// Options of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
     #[command(flatten)]
@@ -289,6 +296,7 @@ pub struct PlanArgs {
     pub json: bool,
 }
 
+/// Options of `check-result`.
 #[derive(Debug, Args)]
 pub struct CheckResultArgs {
     /// Directory with the results of a run
@@ -296,6 +304,7 @@ pub struct CheckResultArgs {
     pub directory: PathBuf,
 }
 
+/// Options of `advise`.
 #[derive(Debug, Args)]
 pub struct AdviseArgs {
     #[command(flatten)]
@@ -328,6 +337,7 @@ pub struct PictureArgs {
     pub output: Option<PathBuf>,
 }
 
+/// Options of `plot` and `report`.
 #[derive(Clone, Debug, Args)]
 pub struct PlotArgs {
     #[command(flatten)]
@@ -344,6 +354,7 @@ pub struct PlotArgs {
     pub force: bool,
 }
 
+/// Options of `schema`.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct SchemaArgs {
     /// Print the keys as a page in Markdown instead
@@ -351,6 +362,7 @@ pub struct SchemaArgs {
     pub markdown: bool,
 }
 
+/// Options of `movie`.
 #[derive(Clone, Debug, Args)]
 pub struct MovieArgs {
     #[command(flatten)]
@@ -380,6 +392,7 @@ pub struct MovieArgs {
     pub force: bool,
 }
 
+/// Options of `chart`.
 #[derive(Debug, Args)]
 pub struct ChartArgs {
     #[command(flatten)]
@@ -395,6 +408,7 @@ pub struct ChartArgs {
     pub budget: Duration,
 }
 
+/// Options of `export-quantum`, `export-matrix` and `export-circuit`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
     #[command(flatten)]
@@ -407,6 +421,7 @@ pub struct ExportArgs {
     pub force: bool,
 }
 
+/// Options of `export-quantum`.
 #[derive(Debug, Args)]
 pub struct QuantumArgs {
     #[command(flatten)]
@@ -425,6 +440,7 @@ pub struct QuantumArgs {
     pub complete: Option<u8>,
 }
 
+/// Options of `export-circuit`.
 #[derive(Debug, Args)]
 pub struct CircuitArgs {
     #[command(flatten)]
@@ -454,6 +470,7 @@ pub struct CircuitArgs {
     pub check: usize,
 }
 
+/// Options of `resources`.
 #[derive(Debug, Args)]
 pub struct ResourcesArgs {
     #[command(flatten)]
@@ -487,6 +504,7 @@ pub struct ResourcesArgs {
     pub t_of_rotation: RotationSynthesis,
 }
 
+/// Options of `stability`.
 #[derive(Debug, Args)]
 pub struct StabilityArgs {
     #[command(flatten)]
@@ -505,6 +523,7 @@ pub struct StabilityArgs {
     pub budget: Duration,
 }
 
+/// Options of `spectrum`.
 #[derive(Debug, Args)]
 pub struct SpectrumArgs {
     #[command(flatten)]

@@ -211,6 +211,7 @@ fn description(world: &World, run: Option<&StoredRun>) -> std::result::Result<St
     described().map_err(|e| e.to_string())
 }
 
+/// A run and its pictures.
 struct DrawnRun {
     run: StoredRun,
     album: Album,

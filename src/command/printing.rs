@@ -25,6 +25,7 @@ pub fn print_as<T: Serialize + Display>(world: &World, found: &T, json: bool) {
     if json { print_json(world, found) } else { print(world, &found.to_string()) }
 }
 
+/// Prints JSON on the first rank.
 pub fn print_json(world: &World, found: &impl Serialize) {
     print_unwrapped(world, &serde_json::to_string_pretty(found).unwrap_or_default());
 }

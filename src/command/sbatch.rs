@@ -39,6 +39,7 @@ const NO_TIME: &str = "\
 # Fill in the time and remove one #; plan --calibrate predicts it.
 ##SBATCH --time=01:00:00";
 
+/// The resources of a job.
 #[derive(Clone, Copy, Debug)]
 pub struct JobResources {
     pub ranks: usize,
@@ -48,6 +49,7 @@ pub struct JobResources {
     pub seconds: Option<f64>,
 }
 
+/// A job script.
 struct JobScript {
     /// Name of the job: letters, digits and `._-` only.
     name: String,
@@ -69,16 +71,17 @@ struct JobScript {
 /// [`Error::Input`].
 pub fn refuse(world: &World, args: &PlanArgs, case: &Case) -> Result<()> {
     let Some(file) = &args.sbatch else { return Ok(()) };
-    let refused = |what: &str| Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
     if case.accuracy.is_some() {
-        return refused(
-            "a job with solver.accuracy cannot be resumed; leave the key out and give --accuracy, \
-             whose choice is written into the script as --set",
-        );
+        let what = "a job with solver.accuracy cannot be resumed; leave the key out and give \
+                    --accuracy, whose choice is written into the script as --set";
+        return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
     }
     world.group().on_first_rank(|| {
-        let exists = !args.force && disk::is_taken(file);
-        if exists { refused("exists; --force replaces it") } else { Ok(()) }
+        if !args.force && disk::is_taken(file) {
+            let what = "exists; --force replaces it";
+            return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
+        }
+        Ok(())
     })
 }
 
@@ -123,6 +126,7 @@ impl JobScript {
     }
 }
 
+/// An absolute path.
 fn absolute(path: &Path) -> Result<String> {
     let refused =
         |why: &dyn fmt::Display| Error::Input(format!("--sbatch: {}: {why}", path.display()));

@@ -43,6 +43,7 @@ pub fn synthesis(text: &str) -> Result<RotationSynthesis, String> {
     }
 }
 
+/// Numbers of ranks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RankNumbers {
     One(usize),

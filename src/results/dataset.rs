@@ -81,8 +81,10 @@ impl<'a> Results<'a> {
 
     /// The branches of the exact velocity, if they are known.
     pub(crate) fn curve(&self) -> Option<&'a MultivaluedVelocity> {
-        let Some(ExactSolution::Measure { curve }) = self.exact else { return None };
-        curve.as_ref()
+        match self.exact {
+            Some(ExactSolution::Measure { curve }) => curve.as_ref(),
+            _ => None,
+        }
     }
 }
 
@@ -97,6 +99,7 @@ pub struct PlateauPoint {
     pub norm: f64,
 }
 
+/// The vectors as slices.
 pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
     vectors.iter().map(Vec::as_slice).collect()
 }

@@ -66,6 +66,7 @@ impl Figure {
     }
 }
 
+/// The document.
 fn svg(figure: &Figure) -> FileResult<String> {
     let sheet = Sheet::new(figure);
     let mut text = String::new();
@@ -78,6 +79,7 @@ fn svg(figure: &Figure) -> FileResult<String> {
     Ok(text.replacen(&from, &to, 1).replace("data:png;base64", "data:image/png;base64"))
 }
 
+/// The figure as a PNG file.
 fn png_bytes(figure: &Figure) -> FileResult<Vec<u8>> {
     let sheet = Sheet::new(figure);
     let [width, height] = sheet.pixels();
@@ -131,6 +133,7 @@ impl<'a> Sheet<'a> {
         self.size.map(|length| (length * PIXELS) as u32)
     }
 
+    /// Draws the whole figure.
     fn draw<DB: DrawingBackend>(&self, root: &Area<DB>) -> Drawn {
         root.fill(&PAPER).map_err(|e| e.to_string())?;
         let write = |line: &str, at: PixelPoint, style| {

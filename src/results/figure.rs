@@ -27,6 +27,7 @@ pub enum Scale {
     Log,
 }
 
+/// An axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlotAxis {
     pub label: String,
@@ -64,6 +65,7 @@ impl PlotAxis {
         Self { whole: true, ..self }
     }
 
+    /// This axis from `lower` to `upper`.
     pub fn within(self, lower: f64, upper: f64) -> Self {
         Self { range: Some([lower, upper]), ..self }
     }
@@ -95,6 +97,7 @@ pub enum Layer {
     Line {
         /// Label in the legend; not shown if empty.
         label: String,
+        /// Style of line and markers.
         style: Style,
         points: Vec<[f64; 2]>,
     },
@@ -102,6 +105,7 @@ pub enum Layer {
     Points {
         /// Label in the legend; not shown if empty.
         label: String,
+        /// Colour and markers.
         style: Style,
         points: Vec<[f64; 2]>,
     },
@@ -109,12 +113,14 @@ pub enum Layer {
     Intervals {
         /// Label in the legend; not shown if empty.
         label: String,
+        /// Colour and markers.
         style: Style,
         /// Points, and the ends of the interval of their vertical value.
         points: Vec<([f64; 2], [f64; 2])>,
     },
     /// Horizontal bars, at 0, 1, … of the vertical axis.
     Bars {
+        /// Colour and markers.
         style: Style,
         /// Both ends of each bar, and the label at its end.
         bars: Vec<([f64; 2], String)>,
@@ -192,9 +198,11 @@ impl Panel {
 /// Panels in a grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
+    /// Title above all panels.
     pub title: String,
     /// The panels, row by row from the left.
     pub panels: Vec<Panel>,
+    /// Number of panels in a row.
     pub columns: usize,
     /// Text below all panels; lines are wrapped, and broken at every `\n`.
     pub caption: String,

@@ -23,6 +23,7 @@ const SAME: u8 = 255;
 /// The largest number of bytes of the messages of `ffmpeg` that are read.
 const MOST_ERROR_TEXT: u64 = 400;
 
+/// The files of a movie.
 #[derive(Default)]
 pub struct Movie {
     pub files: Vec<PathBuf>,

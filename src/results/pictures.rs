@@ -70,12 +70,14 @@ pub fn numbered(name: &str, k: usize) -> String {
     if k == 1 { name.to_owned() } else { format!("{name}_{k}") }
 }
 
+/// A figure and the name of its files.
 pub struct Picture {
     /// Name of the files, without an ending.
     pub name: String,
     pub figure: Figure,
 }
 
+/// The pictures of a run.
 pub struct Album {
     /// The pictures in the order in which they are shown.
     pub pictures: Vec<Picture>,

@@ -226,6 +226,7 @@ pub(crate) struct StoredCase {
 }
 
 impl StoredCase {
+    /// The case in `file`.
     pub fn read(file: &File) -> hdf5::Result<Self> {
         let dataset = file.dataset("case")?;
         let overrides = text_attribute(&dataset, "overrides")?;

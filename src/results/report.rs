@@ -113,9 +113,11 @@ const PROBABILITIES: [(&str, &str); 7] = [
     ("amplified_evolutions", "evolutions in those rounds"),
 ];
 
+/// The contents of a report.
 pub struct Report<'a> {
     pub run: &'a StoredRun,
     pub summary: &'a Value,
+    /// Pictures of the run.
     pub album: &'a Album,
     /// Phase space and density at several times, if the run has any.
     pub times: Option<&'a Times>,

@@ -638,6 +638,7 @@ impl Summary {
     }
 }
 
+/// Name of the file.
 pub const NAME: &str = "summary.json";
 
 /// A summary with a checksum of itself.

@@ -243,6 +243,7 @@ fn of_text(file: &TableFile, text: &str) -> Result<Table, TableMistake> {
 struct Columns {
     /// Name and position of each axis, in the order of the columns.
     axes: Vec<(String, usize)>,
+    /// The column of the value.
     value: usize,
 }
 

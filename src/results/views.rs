@@ -38,6 +38,7 @@ pub struct Grid {
     pub fields: Vec<View>,
 }
 
+/// The grids at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridsAtTime {
     pub time: f64,
@@ -273,6 +274,7 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
 /// A rank's share of a field over space with reversed axes; the three components of a vector last.
 struct ReversedShare<'a> {
     axes: Vec<&'a str>,
+    /// The ranges of the share.
     ranges: Vec<Range<usize>>,
     values: Vec<f64>,
 }

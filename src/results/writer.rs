@@ -28,6 +28,7 @@ use std::ffi::{CStr, CString};
 use std::mem::ManuallyDrop;
 use std::path::Path;
 
+/// A dimension scale.
 struct DimensionScale {
     length: usize,
     /// Cells of a chunk along it, if the user gives a number.
@@ -51,6 +52,7 @@ pub fn text(s: &str) -> VarLenUnicode {
     s.replace('\0', "").parse().unwrap_or_default()
 }
 
+/// Writes a new attribute.
 pub fn attribute<T: H5Type>(at: &Location, name: &str, value: &T) -> hdf5::Result<()> {
     at.new_attr::<T>().create(name)?.write_scalar(value)
 }

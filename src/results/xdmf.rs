@@ -8,6 +8,7 @@ use crate::results::views::{Grid, GridsAtTime, View};
 use std::fmt::Write;
 use std::path::Path;
 
+/// Name of the file.
 pub const NAME: &str = "fields.xdmf";
 
 /// Writes `directory/fields.xdmf` for the times of `steps`. Without any it removes an older file.

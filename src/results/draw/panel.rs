@@ -48,6 +48,7 @@ pub struct PanelFrame<'a> {
     y: Ruler,
 }
 
+/// An entry of the legend.
 struct LegendEntry<'a> {
     label: &'a str,
     style: &'a Style,
@@ -185,6 +186,7 @@ impl<'a> PanelFrame<'a> {
     }
 }
 
+/// The colours of a map.
 pub(crate) fn colours(map: &Map) -> fn(f64) -> RGBColor {
     if map.differences { diverging } else { sequential }
 }

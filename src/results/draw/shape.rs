@@ -111,6 +111,7 @@ pub fn picture<DB: DrawingBackend>(
     put(area, &element)
 }
 
+/// Draws a marker.
 pub fn marker<DB: DrawingBackend>(area: &Area<DB>, [x, y]: PixelPoint, style: &Style) -> Drawn {
     const R: f64 = 3.6 * PIXELS;
     let Some(marker) = style.marker else { return Ok(()) };

@@ -30,10 +30,12 @@ pub fn style(size: f64, colour: RGBColor) -> TextStyle<'static> {
     anchored(font(size, FontStyle::Normal), colour)
 }
 
+/// The style of bold letters of this size and colour.
 pub fn bold(size: f64, colour: RGBColor) -> TextStyle<'static> {
     anchored(font(size, FontStyle::Bold), colour)
 }
 
+/// Draws a text in one line.
 pub fn draw<DB: DrawingBackend>(
     area: &Area<DB>,
     text: &str,

@@ -40,6 +40,7 @@ pub const NOTHING: RGBColor = RGBColor(195, 195, 195);
 const BELOW: RGBColor = RGBColor(0, 90, 160);
 const ABOVE: RGBColor = RGBColor(200, 80, 0);
 
+/// Shape of a marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Marker {
     Circle,
@@ -49,7 +50,9 @@ pub enum Marker {
     Diamond,
     /// Triangle with its tip down.
     Down,
+    /// Diagonal cross.
     Cross,
+    /// Upright cross.
     Plus,
 }
 
@@ -66,6 +69,7 @@ const MARKERS: [Marker; 7] = [
 /// Lengths of dashes and gaps in points; `None` for a solid line.
 const DASHES: [Option<[f64; 2]>; 4] = [None, Some([7.0, 3.0]), Some([2.0, 2.5]), Some([13.0, 4.0])];
 
+/// The style of a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Style {
     /// Colour of lines and markers.
@@ -102,6 +106,7 @@ impl Style {
         Self { dash, ..self }
     }
 
+    /// The style with hollow markers.
     pub fn hollow(self) -> Self {
         Self { filled: false, ..self }
     }

@@ -16,6 +16,7 @@ use crate::results::pictures::moments::planes;
 use crate::results::pictures::phase_space::{concentrated, surface};
 use crate::results::pictures::stored::{Plane, StoredRun, StoredTime};
 
+/// The frames of a run.
 pub struct Film<'a> {
     run: &'a StoredRun,
     cut: Cut,

@@ -11,6 +11,7 @@ const SMOOTH: usize = 128;
 /// Equal parts of the elements of an axis, and the weights of nodes in each. For degree 0 the parts
 /// are the cells.
 pub struct FineMesh {
+    /// Elements of the axis.
     pub elements: usize,
     /// The weights of an element's nodes, for each of its parts.
     matrix: Vec<Vec<f64>>,

@@ -42,6 +42,7 @@ pub fn draw(run: &StoredRun) -> FileResult<Option<Figure>> {
 
 /// A row of `/readout` of `result.h5`.
 struct StoredReadoutRow {
+    /// Number of the cell.
     cell: u64,
     observable: u64,
     /// Number of the estimator in [`OverlapEstimator::ALL`].

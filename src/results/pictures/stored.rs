@@ -144,10 +144,12 @@ impl StoredRun {
         exists(&self.file, name)
     }
 
+    /// Whether the data are measure-valued.
     pub fn is_measure(&self) -> bool {
         self.has("phi")
     }
 
+    /// Whether the run is one by the classical method.
     pub fn is_classical(&self) -> bool {
         self.plan["method"] == "classical"
     }
@@ -179,6 +181,7 @@ impl StoredRun {
         }
     }
 
+    /// The time at the end of the run.
     pub fn end(&self) -> StoredTime {
         StoredTime { time: self.time, early: None }
     }

@@ -26,6 +26,7 @@ pub struct Times {
     without_exact: Option<String>,
 }
 
+/// A time and its picture.
 struct TimePicture {
     time: f64,
     /// PNG, in Base64.

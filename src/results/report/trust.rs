@@ -9,6 +9,7 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
 
+/// The mark of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mark {
     /// The finding is as it should be.
@@ -73,11 +74,10 @@ pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup 
             h2 { (verdict) }
             dl {
                 @for finding in &findings {
-                    @let [class, sign] = finding.mark.class_and_sign();
-                    div class=(class) {
+                    div class=(finding.mark.class()) {
                         dt { (finding.what) }
                         dd {
-                            strong { (sign) " " (Text(&finding.value)) }
+                            strong { (finding.mark.sign()) " " (Text(&finding.value)) }
                             " " (Text(&finding.text))
                         }
                     }
@@ -88,12 +88,21 @@ pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup 
 }
 
 impl Mark {
-    /// Class in the style sheet, and a sign that can be distinguished without colours.
-    fn class_and_sign(self) -> [&'static str; 2] {
+    /// Class of the mark in the style sheet.
+    fn class(self) -> &'static str {
         match self {
-            Self::Good => ["good", "✓"],
-            Self::Bad => ["bad", "✗"],
-            Self::Unknown => ["unknown", "?"],
+            Self::Good => "good",
+            Self::Bad => "bad",
+            Self::Unknown => "unknown",
+        }
+    }
+
+    /// A sign that can be distinguished without colours.
+    fn sign(self) -> &'static str {
+        match self {
+            Self::Good => "✓",
+            Self::Bad => "✗",
+            Self::Unknown => "?",
         }
     }
 }
