@@ -51,6 +51,7 @@ const LATE: Duration = Duration::from_secs(10);
 
 /// A file that a run may write before `summary.json`.
 pub(crate) struct RunFile {
+    /// Name of the file.
     pub name: String,
     /// Whether a run of the case writes it.
     pub is_written: bool,

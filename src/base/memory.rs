@@ -9,11 +9,14 @@ use std::sync::{Mutex, PoisonError};
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(into = "(String, u64)")]
 pub struct NamedBytes {
+    /// Name of the array.
     pub name: String,
+    /// Its bytes.
     pub bytes: u64,
 }
 
 impl NamedBytes {
+    /// An array of this name and size.
     pub fn new(name: impl Into<String>, bytes: u64) -> Self {
         Self { name: name.into(), bytes }
     }
@@ -157,6 +160,7 @@ fn process_room(resource: Resource, key: &str) -> u64 {
 struct ControlGroupFiles {
     /// Limits; a text that is not a number means no limit.
     limits: &'static [&'static str],
+    /// Bytes in use.
     used: &'static str,
     /// The key in `memory.stat` of the file pages that the system drops when memory runs short.
     reclaimable: &'static str,

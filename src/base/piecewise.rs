@@ -29,7 +29,9 @@ const CLOSE: f64 = 25.0;
 const LEAST_WIDTH: f64 = 1e-12;
 /// Width below which a piece beside wider ones shows a jump.
 const NARROW: f64 = 1e-3;
+/// Most pieces.
 const MOST_PIECES: usize = 1000;
+/// Most jumps.
 const MOST_JUMPS: usize = 50;
 /// Jumps of values and of slopes up to these are round-off.
 const ROUNDED_JUMPS: [f64; 2] = [1e-13, 1e-9];
@@ -38,9 +40,15 @@ const ROUNDED_JUMPS: [f64; 2] = [1e-13, 1e-9];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Failure {
     /// The function's value at this point is too large, or not a number.
-    Unbounded { at: f64 },
+    Unbounded {
+        /// The point.
+        at: f64,
+    },
     /// More pieces than allowed, or smaller ones, about this point.
-    Rough { at: f64 },
+    Rough {
+        /// The point.
+        at: f64,
+    },
 }
 
 /// A polynomial on an interval.
@@ -117,6 +125,7 @@ impl PolynomialPiece {
 /// A point where a function or its slope jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FunctionJump {
+    /// The point.
     pub at: f64,
     /// `|f^{(k)}(at+) − f^{(k)}(at−)|`.
     pub sizes: [f64; ORDERS],

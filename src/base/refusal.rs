@@ -6,11 +6,13 @@ use std::fmt::{self, Display, Formatter};
 /// A mistake in a case file or a `--set`. Unknown parts are `None`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Refusal {
+    /// The full key.
     pub key: Option<String>,
     /// The value of the key in the case.
     pub value: Option<String>,
     /// What is wrong with it, and what is allowed.
     pub message: String,
+    /// The case file.
     pub file: Option<String>,
     /// The line, from 1.
     pub line: Option<usize>,

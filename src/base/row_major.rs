@@ -33,7 +33,9 @@ pub fn position(ranges: &[Range<usize>], indices: &[usize]) -> Option<usize> {
 /// A box of a dataset.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DatasetBox {
+    /// First element along each axis.
     pub start: Vec<usize>,
+    /// Elements along each axis.
     pub count: Vec<usize>,
 }
 
@@ -58,6 +60,7 @@ impl DatasetBox {
         self
     }
 
+    /// Number of elements.
     pub fn size(&self) -> usize {
         self.count.iter().product()
     }

@@ -17,6 +17,7 @@ const GAP: usize = 2;
 pub struct Column {
     /// The name, then a cell a row.
     lines: Vec<String>,
+    /// Width of the longest cell.
     width: usize,
     /// Whether cells begin at the left.
     left: bool,
@@ -88,6 +89,7 @@ pub struct Label {
 }
 
 impl ColumnValues {
+    /// A column without labels.
     pub fn new(name: &str, cells: impl IntoIterator<Item = Value>) -> Self {
         let cells = cells.into_iter().collect();
         Self { name: name.to_owned(), cells, labels: Vec::new() }

@@ -107,6 +107,7 @@ fn default_export(folder: &str) -> String {
 pub struct CaseArgs {
     /// Case file (TOML).
     pub case: PathBuf,
+    /// Changes to the case.
     #[command(flatten)]
     pub changes: Changes,
 }
@@ -166,8 +167,10 @@ pub struct ManArgs {
 /// Options of `check`.
 #[derive(Debug, Args)]
 pub struct CheckArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
+    /// The accuracy to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
     /// Print JSON
@@ -181,6 +184,7 @@ pub struct RunArgs {
     /// Case file (TOML); not given with --continue, which reads the case from the results.
     #[arg(required_unless_present = "continued")]
     pub case: Option<PathBuf>,
+    /// Changes to the case.
     #[command(flatten)]
     pub changes: Changes,
     /// Continue the finished run in DIR to the time of --until, with a new plan; --set changes its
@@ -196,6 +200,7 @@ pub struct RunArgs {
     /// all times, it counts from 0
     #[arg(long, value_name = "TIME", allow_negative_numbers = true)]
     pub until: Option<String>,
+    /// The accuracy to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
     /// Directory to write the results to; by default results/NAME for a case file NAME.toml, and
@@ -223,6 +228,7 @@ pub struct RunArgs {
 /// Options of `sweep`.
 #[derive(Debug, Args)]
 pub struct SweepArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
     /// A key and its values, written as for --set: --vary axis.0.x.cells=64,128. Given repeatedly,
@@ -256,8 +262,10 @@ pub struct SweepArgs {
 /// Options of `plan`.
 #[derive(Debug, Args)]
 pub struct PlanArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
+    /// The accuracy to reach.
     #[command(flatten)]
     pub accuracy: AccuracyArgs,
     /// Number of ranks; by default 1, and with --calibrate the number this is started on. Several
@@ -307,6 +315,7 @@ pub struct CheckResultArgs {
 /// Options of `advise`.
 #[derive(Debug, Args)]
 pub struct AdviseArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
     /// Largest relative L1 error of the density at the final time
@@ -340,6 +349,7 @@ pub struct PictureArgs {
 /// Options of `plot` and `report`.
 #[derive(Clone, Debug, Args)]
 pub struct PlotArgs {
+    /// The run, and the directory of the files.
     #[command(flatten)]
     pub places: PictureArgs,
     /// In more than one dimension: the position at which pictures cut the axes they do not show,
@@ -365,6 +375,7 @@ pub struct SchemaArgs {
 /// Options of `movie`.
 #[derive(Clone, Debug, Args)]
 pub struct MovieArgs {
+    /// The run, and the directory of the files.
     #[command(flatten)]
     pub places: PictureArgs,
     /// In more than one dimension: the position at which movies cut the axes they do not show, such
@@ -395,6 +406,7 @@ pub struct MovieArgs {
 /// Options of `chart`.
 #[derive(Debug, Args)]
 pub struct ChartArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
     /// Directory to write to; by default results/NAME-chart
@@ -411,6 +423,7 @@ pub struct ChartArgs {
 /// Options of `export-quantum`, `export-matrix` and `export-circuit`.
 #[derive(Debug, Args)]
 pub struct ExportArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
     /// Directory to write to
@@ -424,6 +437,7 @@ pub struct ExportArgs {
 /// Options of `export-quantum`.
 #[derive(Debug, Args)]
 pub struct QuantumArgs {
+    /// The case, and the directory to write to.
     #[command(flatten)]
     pub export: ExportArgs,
     /// Also write one circuit of elementary gates for all steps: preparation of the initial state,
@@ -443,6 +457,7 @@ pub struct QuantumArgs {
 /// Options of `export-circuit`.
 #[derive(Debug, Args)]
 pub struct CircuitArgs {
+    /// The case, and the directory to write to.
     #[command(flatten)]
     pub export: ExportArgs,
     /// Divide each energy level into 2^B bins and round jumps of V to them; by default the fewest
@@ -473,6 +488,7 @@ pub struct CircuitArgs {
 /// Options of `resources`.
 #[derive(Debug, Args)]
 pub struct ResourcesArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
     /// Format of the output
@@ -507,6 +523,7 @@ pub struct ResourcesArgs {
 /// Options of `stability`.
 #[derive(Debug, Args)]
 pub struct StabilityArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
     /// Directory to write to; by default results/NAME-stability
@@ -526,6 +543,7 @@ pub struct StabilityArgs {
 /// Options of `spectrum`.
 #[derive(Debug, Args)]
 pub struct SpectrumArgs {
+    /// The case.
     #[command(flatten)]
     pub case: CaseArgs,
     /// Largest number of Lanczos steps; they end early once both ends of the spectrum are found

@@ -48,7 +48,9 @@ fn overrides(changes: &Changes) -> Vec<String> {
 struct Continuation {
     /// The name of its case file.
     name: String,
+    /// The case file.
     text: String,
+    /// The `--set` options.
     overrides: Vec<String>,
     /// Keys of the first part that are left out.
     left_out: Vec<String>,

@@ -46,6 +46,7 @@ impl WrittenFiles {
 /// The directory of the pictures and movies of a run.
 pub(super) struct PictureDirectory {
     pub directory: PathBuf,
+    /// The directory of the run.
     of_run: PathBuf,
     /// The case that owns the pictures; `None` for pictures among the results of the run.
     owner: Option<ExportOwner>,

@@ -42,6 +42,7 @@ const NO_TIME: &str = "\
 /// The resources of a job.
 #[derive(Clone, Copy, Debug)]
 pub struct JobResources {
+    /// Number of ranks.
     pub ranks: usize,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
@@ -56,6 +57,7 @@ struct JobScript {
     needs: JobResources,
     /// Ranks on a node, if given.
     ranks_per_node: Option<u64>,
+    /// Settings of the site.
     site: String,
     /// Absolute paths of the program and of the script.
     program: String,

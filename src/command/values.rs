@@ -46,6 +46,7 @@ pub fn synthesis(text: &str) -> Result<RotationSynthesis, String> {
 /// Numbers of ranks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RankNumbers {
+    /// One number.
     One(usize),
     /// Several numbers to compare, ascending.
     Many(Vec<usize>),

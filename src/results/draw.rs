@@ -94,6 +94,7 @@ pub(crate) struct Sheet<'a> {
     frames: Vec<PanelFrame<'a>>,
     title: Vec<String>,
     caption: Vec<String>,
+    /// Width of each column.
     columns: Vec<f64>,
     /// Room left of the frames, by column.
     left: Vec<f64>,

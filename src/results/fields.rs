@@ -18,13 +18,16 @@ pub const POINT: &str = "point";
 /// The cells over which a dataset has values, after its components.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DatasetCells {
+    /// Cells of space.
     Space,
+    /// Cells of phase space.
     PhaseSpace,
 }
 
 /// A kind of dataset.
 #[derive(Clone, Copy, Debug)]
 pub struct DatasetKind {
+    /// Name of the dataset.
     pub name: &'static str,
     /// The cells for which it has values.
     pub over: DatasetCells,

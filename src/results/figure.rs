@@ -30,7 +30,9 @@ pub enum Scale {
 /// An axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlotAxis {
+    /// Label of the axis.
     pub label: String,
+    /// Scale of the axis.
     pub scale: Scale,
     /// Ends of the axis, lower first; by default those of the data.
     pub range: Option<[f64; 2]>,
@@ -41,6 +43,7 @@ pub struct PlotAxis {
 }
 
 impl PlotAxis {
+    /// A linear axis.
     pub fn linear(label: impl Into<String>) -> Self {
         Self {
             label: label.into(),
@@ -51,6 +54,7 @@ impl PlotAxis {
         }
     }
 
+    /// A logarithmic axis.
     pub fn log(label: impl Into<String>) -> Self {
         Self { scale: Scale::Log, ..Self::linear(label) }
     }
@@ -99,6 +103,7 @@ pub enum Layer {
         label: String,
         /// Style of line and markers.
         style: Style,
+        /// Points.
         points: Vec<[f64; 2]>,
     },
     /// Points that are not joined.
@@ -107,6 +112,7 @@ pub enum Layer {
         label: String,
         /// Colour and markers.
         style: Style,
+        /// Points.
         points: Vec<[f64; 2]>,
     },
     /// Points with an error interval of their vertical value.
@@ -125,21 +131,25 @@ pub enum Layer {
         /// Both ends of each bar, and the label at its end.
         bars: Vec<([f64; 2], String)>,
     },
+    /// A heat map.
     Map(Map),
     /// A vertical line across the panel.
     Vertical {
+        /// Label at the line.
         label: String,
         /// Position of the line on the horizontal axis.
         at: f64,
     },
     /// A horizontal line across the panel.
     Horizontal {
+        /// Label at the line.
         label: String,
         /// Position of the line on the vertical axis.
         at: f64,
     },
     /// A shaded band from the bottom to the top of the panel.
     Band {
+        /// Label in the band.
         label: String,
         /// The two ends of the band on the horizontal axis.
         from: [f64; 2],
@@ -149,23 +159,29 @@ pub enum Layer {
 /// Axes, and the layers that are drawn between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Panel {
+    /// Title above the panel.
     pub title: String,
+    /// The horizontal axis.
     pub x: PlotAxis,
+    /// The vertical axis.
     pub y: PlotAxis,
     /// The layers; each is drawn over those before it.
     pub layers: Vec<Layer>,
 }
 
 impl Panel {
+    /// A panel without layers.
     pub fn new(title: impl Into<String>, x: PlotAxis, y: PlotAxis) -> Self {
         Self { title: title.into(), x, y, layers: Vec::new() }
     }
 
+    /// The panel with one more layer.
     pub fn with(mut self, layer: Layer) -> Self {
         self.layers.push(layer);
         self
     }
 
+    /// The panel with a line.
     pub fn line(self, label: impl Into<String>, style: Style, points: Vec<[f64; 2]>) -> Self {
         self.with(Layer::Line { label: label.into(), style, points })
     }
@@ -175,6 +191,7 @@ impl Panel {
         self.with(Layer::Points { label: label.into(), style, points })
     }
 
+    /// The panel with a heat map.
     pub fn map(self, map: Map) -> Self {
         self.with(Layer::Map(map))
     }
@@ -227,6 +244,7 @@ impl Figure {
         Self { columns: columns.max(1), ..self }
     }
 
+    /// The figure with a caption.
     pub fn caption(self, caption: impl Into<String>) -> Self {
         Self { caption: caption.into(), ..self }
     }

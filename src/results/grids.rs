@@ -150,6 +150,7 @@ impl Grid {
         self.lengths().iter().map(|n| n + 1).product()
     }
 
+    /// Number of corners of a cell.
     fn corners(&self) -> usize {
         1 << self.dimension
     }

@@ -31,6 +31,7 @@ pub struct Ledger {
     pub mass: Mass,
     /// The open ends of the phase-space box.
     pub ends: Vec<BoxEnd>,
+    /// The energies.
     pub energy: Energy,
     /// The axes along which `V` jumps.
     pub jumps: Vec<AxisJumps>,
@@ -120,6 +121,7 @@ pub struct Energy {
 /// The jumps of `V` along an axis, and the energies of the motion along it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct AxisJumps {
+    /// The space axis.
     pub axis: String,
     /// Least `|V⁺ − V⁻|`.
     pub least: f64,

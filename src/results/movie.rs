@@ -26,6 +26,7 @@ const MOST_ERROR_TEXT: u64 = 400;
 /// The files of a movie.
 #[derive(Default)]
 pub struct Movie {
+    /// Paths of the files.
     pub files: Vec<PathBuf>,
     /// The name of a file that is missing, and why.
     pub left_out: Option<(String, String)>,

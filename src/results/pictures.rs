@@ -74,6 +74,7 @@ pub fn numbered(name: &str, k: usize) -> String {
 pub struct Picture {
     /// Name of the files, without an ending.
     pub name: String,
+    /// The figure.
     pub figure: Figure,
 }
 

@@ -75,7 +75,9 @@ pub(crate) fn differs(name: &str) -> String {
 /// The pieces of a file that a process reads: every `ranks`-th.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct FileShare {
+    /// Number of the process.
     pub rank: usize,
+    /// Number of processes.
     pub ranks: usize,
 }
 
@@ -249,6 +251,7 @@ impl StoredCase {
         }
     }
 
+    /// The case file.
     pub fn text(&self) -> hdf5::Result<String> {
         read_text(&self.dataset)
     }
@@ -260,6 +263,7 @@ pub(crate) fn text_attribute(at: &Location, name: &str) -> hdf5::Result<String> 
     utf8(text.as_bytes().to_vec())
 }
 
+/// An attribute that is a number.
 pub(crate) fn number_attribute(at: &Location, name: &str) -> hdf5::Result<f64> {
     at.attr(name)?.read_scalar()
 }

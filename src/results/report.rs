@@ -34,11 +34,13 @@ pub const NAME: &str = "report.html";
 /// Name of the `meta` element that identifies the case of a page.
 const OWNER: &str = "phasewarp-case";
 
+/// The style sheet.
 const STYLE: &str = include_str!("report/style.css");
 
 /// The policy of the page: it may load nothing but its own styles and pictures.
 const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; img-src data:";
 
+/// Warnings that are not folded away.
 const WARNINGS_SHOWN: usize = 3;
 
 /// Keys of `summary.json` and their labels: distances to the semi-discrete solution.
@@ -115,7 +117,9 @@ const PROBABILITIES: [(&str, &str); 7] = [
 
 /// The contents of a report.
 pub struct Report<'a> {
+    /// The run.
     pub run: &'a StoredRun,
+    /// `summary.json`.
     pub summary: &'a Value,
     /// Pictures of the run.
     pub album: &'a Album,

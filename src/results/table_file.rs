@@ -70,6 +70,7 @@ fn end_keys(position: usize) -> [String; 2] {
 struct TableMistake {
     /// The keys beside the table's `file` that may be wrong: `dataset`, `axes`.
     keys: &'static [&'static str],
+    /// What is wrong.
     what: String,
 }
 

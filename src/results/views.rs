@@ -22,6 +22,7 @@ use std::rc::Rc;
 /// A grid of cells along three axes, and datasets over it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
+    /// Name of the grid.
     pub name: String,
     /// Number of axes on which it is drawn: two or three.
     pub dimension: usize,
@@ -41,7 +42,9 @@ pub struct Grid {
 /// The grids at one time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GridsAtTime {
+    /// The time.
     pub time: f64,
+    /// Grids at that time.
     pub grids: Vec<Grid>,
 }
 
@@ -273,9 +276,11 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
 
 /// A rank's share of a field over space with reversed axes; the three components of a vector last.
 struct ReversedShare<'a> {
+    /// Names of its axes.
     axes: Vec<&'a str>,
     /// The ranges of the share.
     ranges: Vec<Range<usize>>,
+    /// Values of the field.
     values: Vec<f64>,
 }
 

@@ -30,6 +30,7 @@ use std::path::Path;
 
 /// A dimension scale.
 struct DimensionScale {
+    /// Length of the scale.
     length: usize,
     /// Cells of a chunk along it, if the user gives a number.
     chunk: Option<usize>,
@@ -232,6 +233,7 @@ impl<'a> Writer<'a> {
         })
     }
 
+    /// Closes the file.
     pub fn close(self) -> Result<()> {
         // With everything on the disk, the rest takes little time.
         let flushed = machine::flush(self.path).map_err(|e| failure(self.path, &e));

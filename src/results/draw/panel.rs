@@ -37,6 +37,7 @@ const BAR_ROOM: f64 = BAR + 62.0;
 const TICK: f64 = 3.5;
 /// Colour of grid lines without a label.
 const LIGHT: RGBColor = RGBColor(240, 240, 240);
+/// Colour of a band.
 const BAND: RGBColor = RGBColor(238, 238, 238);
 
 /// A panel with its axes, ready to be drawn.

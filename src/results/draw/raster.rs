@@ -13,6 +13,7 @@ use plotters::prelude::*;
 use std::collections::HashMap;
 use std::path::Path;
 
+/// Number of shades of grey.
 const GREYS: usize = 32;
 /// Number of shades of all maps together.
 const SHADES: usize = 168;
@@ -28,6 +29,7 @@ pub type Colour = [u8; 3];
 pub struct Raster {
     /// Number of pixels along both axes; both are even.
     pub size: [usize; 2],
+    /// Colours of the pixels.
     pub pixels: Vec<Colour>,
 }
 

@@ -42,6 +42,7 @@ impl Ruler {
         }
     }
 
+    /// Labels of the ticks.
     pub fn labels(&self) -> impl Iterator<Item = &str> {
         self.ticks.iter().filter_map(|tick| tick.label.as_deref())
     }

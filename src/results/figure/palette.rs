@@ -8,6 +8,7 @@ use std::sync::LazyLock;
 pub const INK: RGBColor = RGBColor(34, 34, 34);
 /// Lines and texts of minor weight: theory, borders, notes.
 pub const FAINT: RGBColor = RGBColor(120, 120, 120);
+/// Grid lines.
 pub const GRID: RGBColor = RGBColor(225, 225, 225);
 /// The background.
 pub const PAPER: RGBColor = RGBColor(255, 255, 255);
@@ -43,10 +44,13 @@ const ABOVE: RGBColor = RGBColor(200, 80, 0);
 /// Shape of a marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Marker {
+    /// Circle.
     Circle,
+    /// Square.
     Square,
     /// Triangle with its tip up.
     Up,
+    /// Diamond.
     Diamond,
     /// Triangle with its tip down.
     Down,
@@ -76,6 +80,7 @@ pub struct Style {
     pub colour: RGBColor,
     /// Marker at each point, if any.
     pub marker: Option<Marker>,
+    /// Whether markers are filled.
     pub filled: bool,
     /// Number of the dash, from 0 (a solid line) to 3.
     pub dash: usize,

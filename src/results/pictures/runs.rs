@@ -4,6 +4,7 @@ use crate::results::pictures::stored::StoredRun;
 
 /// A run and the one with which it is compared, with their names.
 pub struct Runs<'a> {
+    /// The run.
     pub run: &'a StoredRun,
     /// The second run, if any.
     pub beside: Option<&'a StoredRun>,

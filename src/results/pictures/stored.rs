@@ -23,7 +23,9 @@ pub(crate) const FINEST: usize = 512;
 
 /// `result.h5`, open for reading, with those values that are always needed.
 pub struct StoredRun {
+    /// The directory of the run.
     pub directory: PathBuf,
+    /// The grid.
     pub space: PhaseSpace,
     /// The case, or why this program cannot read it.
     pub case: FileResult<Case>,
@@ -31,9 +33,11 @@ pub struct StoredRun {
     pub text: String,
     /// The `--set` options applied to it.
     pub overrides: Vec<String>,
+    /// The plan.
     pub plan: Value,
     /// Attributes of the file: what produced it.
     pub provenance: BTreeMap<String, String>,
+    /// Time of the fields.
     pub time: f64,
     /// `summary.json`, or why it cannot be read.
     pub summary: FileResult<Value>,
@@ -45,6 +49,7 @@ pub struct StoredRun {
 /// One of the times at which a run has fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StoredTime {
+    /// The time.
     pub time: f64,
     /// Index in `/axis/field_time`; `None` for the end.
     early: Option<usize>,
@@ -114,6 +119,7 @@ impl StoredRun {
         })
     }
 
+    /// Number of space dimensions.
     pub fn dimension(&self) -> usize {
         self.space.dimension()
     }
@@ -140,6 +146,7 @@ impl StoredRun {
         of("title").or_else(|| of("case_file")).map_or(String::new(), |title| on_one_line(title))
     }
 
+    /// Whether the file has this dataset.
     pub fn has(&self, name: &str) -> bool {
         exists(&self.file, name)
     }
@@ -161,6 +168,7 @@ impl StoredRun {
         self.file.dataset(name).map_err(|e| format!("/{name} of result.h5: {e}"))
     }
 
+    /// The values of a dataset.
     pub fn list(&self, name: &str) -> FileResult<Vec<f64>> {
         let dataset = self.dataset(name)?;
         dataset.read_raw().map_err(|e| format!("/{name} of result.h5: {e}"))

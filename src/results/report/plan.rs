@@ -10,6 +10,7 @@ use serde_json::Value;
 const SCENE: [(&str, &str); 3] =
     [("jumps", "V jumps"), ("inflow", "something may enter"), ("weighted", "dissipative weights")];
 
+/// The plan as a table.
 pub fn table(plan: &Value) -> Markup {
     let mut rows = ReportRows::default();
     problem(&mut rows, plan);

@@ -18,6 +18,7 @@ const MOST_TIMES: usize = 24;
 /// The largest number of labels below the track.
 const MOST_LABELS: usize = 7;
 
+/// The pictures.
 pub struct Times {
     frames: Vec<TimePicture>,
     /// Number of times that the run stores.

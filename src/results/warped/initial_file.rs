@@ -122,6 +122,7 @@ impl Flatness {
 /// A file with a warped field, and its points in `p`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpedFile {
+    /// Path of the file.
     pub path: PathBuf,
     /// `[L, R]`: the first point, and the first point plus one period.
     pub interval: [f64; 2],

@@ -18,8 +18,11 @@ pub const POINTS: &str = "p";
 
 /// The distribution of the modes of a field.
 pub struct Spread<'a> {
+    /// The process mesh.
     pub communicator: &'a Communicator,
+    /// The grid.
     pub space: &'a PhaseSpace,
+    /// The block of this rank.
     pub block: &'a Block,
     /// `modes[g]`: the modes that rank `g` of the mode groups keeps, ascending.
     pub modes: &'a [Vec<usize>],
