@@ -47,10 +47,9 @@ pub fn with_accuracy(
     let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
         return match wanted.budget {
             None => Ok(case),
-            Some(_) => Err(Error::Input(
+            Some(_) => Err(Error::input(
                 "--budget is the time for the trial runs of an accuracy; --accuracy or \
-                 solver.accuracy is missing"
-                    .to_owned(),
+                 solver.accuracy is missing",
             )),
         };
     };

@@ -65,12 +65,11 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     print(world, &closing_line(&summary, &directory));
     let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
     ledger.for_each(|ledger| print(world, &ledger.text()));
-    if let Some(line) = summary.readout.as_ref().and_then(Readout::line) {
-        print(world, &line);
-    }
+    let readout = summary.readout.as_ref().and_then(Readout::line);
     let inherited = summary.continued.as_ref().map(ContinuedResult::line);
     let goal = goal_line(case.accuracy, &summary);
-    for line in inherited.into_iter().chain(goal).chain(summary.accuracy.line()) {
+    let errors = inherited.into_iter().chain(goal).chain(summary.accuracy.line());
+    for line in readout.into_iter().chain(errors) {
         print(world, &line);
     }
     summary.missed.refuse(case.strict)?;

@@ -77,9 +77,7 @@ struct OriginErrors {
 
 impl OriginErrors {
     fn of(directory: &Path) -> Self {
-        let Ok(summary) = summary::read(directory) else {
-            return Self::default();
-        };
+        let Ok(summary) = summary::read(directory) else { return Self::default() };
         let accuracy = &summary["accuracy"];
         // Those that are mostly the algorithm's say little about the grid.
         let of_grid = accuracy["includes_algorithm"] != true;

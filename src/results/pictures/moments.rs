@@ -182,17 +182,16 @@ fn row(
     let show = |title: &str, field: Plane| {
         bordered(map(run, plane, format!("{title}{place}"), field, shared), &border)
     };
-    let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
     let mut panels = Vec::new();
     if let Some(exact) = &exact {
         panels.push(show(&format!("{label}, exact"), exact.clone()));
     }
-    for (field, name) in computed.iter().zip(&names).rev() {
+    for (field, name) in computed.iter().zip(&runs.names).rev() {
         panels.push(show(&format!("{label}, {name}"), field.clone()));
     }
     if let (Some(exact), Some(field)) = (&exact, computed.first()) {
         let field = difference(field, exact);
-        let title = format!("{label}, {} − exact{place}", names[0]);
+        let title = format!("{label}, {} − exact{place}", runs.names[0]);
         panels.push(bordered(difference_map(run, plane, title, field, scale), &border));
     }
     Ok((panels, lowest))

@@ -9,7 +9,6 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
 
-/// The mark of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mark {
     /// The finding is as it should be.
@@ -43,7 +42,6 @@ pub struct Judgement {
 }
 
 impl Judgement {
-    /// The judgement in a summary.
     pub fn of(summary: &Value) -> Self {
         Self {
             accuracy: Accuracy::deserialize(&summary["accuracy"]).ok(),
@@ -75,10 +73,11 @@ pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup 
             h2 { (verdict) }
             dl {
                 @for finding in &findings {
-                    div class=(finding.mark.class()) {
+                    @let [class, sign] = finding.mark.class_and_sign();
+                    div class=(class) {
                         dt { (finding.what) }
                         dd {
-                            strong { (finding.mark.sign()) " " (Text(&finding.value)) }
+                            strong { (sign) " " (Text(&finding.value)) }
                             " " (Text(&finding.text))
                         }
                     }
@@ -89,21 +88,12 @@ pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup 
 }
 
 impl Mark {
-    /// Class of the mark in the style sheet.
-    fn class(self) -> &'static str {
+    /// Class in the style sheet, and a sign that can be distinguished without colours.
+    fn class_and_sign(self) -> [&'static str; 2] {
         match self {
-            Self::Good => "good",
-            Self::Bad => "bad",
-            Self::Unknown => "unknown",
-        }
-    }
-
-    /// A sign that can be distinguished without colours.
-    fn sign(self) -> &'static str {
-        match self {
-            Self::Good => "✓",
-            Self::Bad => "✗",
-            Self::Unknown => "?",
+            Self::Good => ["good", "✓"],
+            Self::Bad => ["bad", "✗"],
+            Self::Unknown => ["unknown", "?"],
         }
     }
 }
