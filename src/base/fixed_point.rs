@@ -25,11 +25,6 @@ pub fn larger(a: f64, b: f64) -> f64 {
     if b > a || b.is_nan() { b } else { a }
 }
 
-/// `2^exponent`, exactly.
-fn power_of_two(exponent: i32) -> f64 {
-    2f64.powi(exponent)
-}
-
 impl FixedPoint {
     /// A representation for `count` terms of magnitude at most `bound` (finite, not negative).
     pub fn new(bound: f64, count: usize) -> Self {
@@ -37,10 +32,7 @@ impl FixedPoint {
         let bits = BITS.min(61 - room);
         let exponent = if bound > 0.0 { bound.log2().ceil() as i32 } else { 0 };
         // Kept within the exponents of normal numbers, so that scaling is exact.
-        Self {
-            coarse: power_of_two((bits - exponent).clamp(-1000, 1000)),
-            fine: power_of_two(bits + 1),
-        }
+        Self { coarse: 2f64.powi((bits - exponent).clamp(-1000, 1000)), fine: 2f64.powi(bits + 1) }
     }
 
     /// The two integers of `x`; without branches, calls and conversions, so that loops over it are
@@ -75,7 +67,7 @@ mod tests {
             scale in -200i32..200,
             turn in 0usize..300,
         ) {
-            let unit = power_of_two(scale);
+            let unit = 2f64.powi(scale);
             for t in &mut terms { *t *= unit; }
             let fixed = FixedPoint::new(1e3 * unit, terms.len());
             let sum = |list: &[f64]| {

@@ -29,9 +29,7 @@ const CLOSE: f64 = 25.0;
 const LEAST_WIDTH: f64 = 1e-12;
 /// Width below which a piece beside wider ones shows a jump.
 const NARROW: f64 = 1e-3;
-/// Most pieces.
 const MOST_PIECES: usize = 1000;
-/// Most jumps.
 const MOST_JUMPS: usize = 50;
 /// Jumps of values and of slopes up to these are round-off.
 const ROUNDED_JUMPS: [f64; 2] = [1e-13, 1e-9];
@@ -40,15 +38,9 @@ const ROUNDED_JUMPS: [f64; 2] = [1e-13, 1e-9];
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Failure {
     /// The function's value at this point is too large, or not a number.
-    Unbounded {
-        /// The point.
-        at: f64,
-    },
+    Unbounded { at: f64 },
     /// More pieces than allowed, or smaller ones, about this point.
-    Rough {
-        /// The point.
-        at: f64,
-    },
+    Rough { at: f64 },
 }
 
 /// A polynomial on an interval.
@@ -109,8 +101,7 @@ impl PolynomialPiece {
 
     /// The values at both ends.
     fn ends(&self) -> [f64; 2] {
-        let signs = [-1.0, 1.0].into_iter().cycle();
-        let signs = signs.skip(1);
+        let signs = [1.0, -1.0].into_iter().cycle();
         let lower = self.coefficients.iter().zip(signs).map(|(c, sign)| c * sign).sum();
         [lower, self.coefficients.iter().sum()]
     }
@@ -126,7 +117,6 @@ impl PolynomialPiece {
 /// A point where a function or its slope jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FunctionJump {
-    /// The point.
     pub at: f64,
     /// `|f^{(k)}(at+) − f^{(k)}(at−)|`.
     pub sizes: [f64; ORDERS],
@@ -200,7 +190,6 @@ impl Piecewise {
         Self { pieces, ..found }
     }
 
-    /// The value at `x`.
     pub fn value(&self, x: f64) -> f64 {
         let next = self.pieces.partition_point(|piece| piece.upper < x);
         (self.pieces.get(next)).filter(|p| p.lower <= x).map_or(0.0, |piece| piece.value(x))
@@ -239,10 +228,8 @@ impl Piecewise {
 /// that become narrower towards an end.
 fn narrowest(pieces: &[PolynomialPiece]) -> Option<f64> {
     let widths: Vec<f64> = pieces.iter().map(PolynomialPiece::half).collect();
-    let narrower = |pair: &[f64]| pair[1] < pair[0];
-    let first = widths.windows(2).position(narrower)?;
-    let wider = |pair: &[f64]| pair[0] < pair[1];
-    let last = 1 + widths.windows(2).rposition(wider)?;
+    let first = widths.windows(2).position(|pair| pair[1] < pair[0])?;
+    let last = 1 + widths.windows(2).rposition(|pair| pair[0] < pair[1])?;
     let within = pieces.get(first..=last)?.iter();
     let found = within.min_by(|a, b| a.half().total_cmp(&b.half()))?;
     (2.0 * found.half() < NARROW).then(|| found.middle())

@@ -1,8 +1,7 @@
 //! Cases that give an accuracy instead of a grid, a degree and a tolerance.
 
 use crate::base::error::{Error, Result};
-use crate::command::cli::{AccuracyArgs, CaseArgs, Changes, RunArgs};
-use crate::command::loading::load;
+use crate::command::cli::{AccuracyArgs, Changes, RunArgs};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
 use crate::problem::case::reader::key_of;
@@ -24,7 +23,7 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
 /// stored in `directory`. Collective.
 ///
 /// # Errors
-/// As [`load_for_accuracy`]; if the directory cannot be written, or holds a foreign file.
+/// As [`with_accuracy`]; if the directory cannot be written, or holds a foreign file.
 pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Result<Case> {
     if !args.force && args.accuracy.accuracy.or(case.accuracy).is_some() {
         accuracy::refuse_foreign(world, directory)?;
@@ -32,15 +31,6 @@ pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Re
     let found = with_accuracy(world, case.clone(), &args.changes, &args.accuracy)?;
     accuracy::store(world, &case, &found, directory)?;
     Ok(found)
-}
-
-/// Reads a case; if it has an accuracy, with the settings that [`accuracy::chosen`] chooses.
-/// Collective.
-///
-/// # Errors
-/// As `load` and `with_accuracy`.
-pub fn load_for_accuracy(world: &World, args: &CaseArgs, wanted: &AccuracyArgs) -> Result<Case> {
-    with_accuracy(world, load(world, args)?, &args.changes, wanted)
 }
 
 /// `case`, which was loaded with `changes`; with the settings that [`accuracy::chosen`] chooses if
@@ -57,10 +47,9 @@ pub fn with_accuracy(
     let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
         return match wanted.budget {
             None => Ok(case),
-            Some(_) => Err(Error::Input(
+            Some(_) => Err(Error::input(
                 "--budget is the time for the trial runs of an accuracy; --accuracy or \
-                 solver.accuracy is missing"
-                    .to_owned(),
+                 solver.accuracy is missing",
             )),
         };
     };
@@ -71,18 +60,12 @@ pub fn with_accuracy(
 
 /// Refuses `--set` of keys that an accuracy chooses.
 fn refuse_chosen_keys(set: &[String]) -> Result<()> {
-    let is_chosen = |key: &str| {
-        let of_axis =
-            key.starts_with("axis.") && [".cells", ".degree"].iter().any(|k| key.ends_with(k));
-        of_axis
-            || [
-                "scheme.degree", "scheme.flux", "scheme.interface", "scheme.limiter",
-                "solver.tolerance",
-            ]
-            .contains(&key)
+    const CHOSEN: [&str; 5] =
+        ["scheme.degree", "scheme.flux", "scheme.interface", "scheme.limiter", "solver.tolerance"];
+    let of_axis = |key: &str| {
+        key.starts_with("axis.") && (key.ends_with(".cells") || key.ends_with(".degree"))
     };
-    let given = set.iter().map(|set| key_of(set));
-    match given.into_iter().find(|key| is_chosen(key)) {
+    match set.iter().map(|set| key_of(set)).find(|key| of_axis(key) || CHOSEN.contains(key)) {
         Some(key) => Err(Error::Input(format!(
             "--set {key} beside --accuracy or solver.accuracy, which choose cells, degree, \
              flux, interface and tolerance: leave one of them out"

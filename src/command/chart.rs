@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::command::cli::ChartArgs;
-use crate::command::loading::{load, make_study_directory, study_directory};
+use crate::command::loading::{load, make_study_directory};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::problem::exported::{ExportKind, ExportOwner};
@@ -16,8 +16,8 @@ use crate::study::chart::measure;
 pub fn execute(world: &World, args: &ChartArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);
     let owner = ExportOwner::new(ExportKind::Chart, &case.settings);
-    let directory = study_directory(args.output.as_ref(), &owner, &case.name);
-    make_study_directory(world, &directory, &owner, args.force)?;
+    let output = args.output.as_ref();
+    let directory = make_study_directory(world, output, &owner, &case.name, args.force)?;
     let chart = measure(world, &case, args.budget)?;
     all.on_first_rank(|| chart.write(&directory, &owner))?;
     print(world, &chart.to_string());

@@ -2,9 +2,10 @@
 
 use crate::base::error::Result;
 use crate::base::refusal::Refusal;
-use crate::command::accuracy::load_for_accuracy;
+use crate::command::accuracy::with_accuracy;
 use crate::command::cli::{CheckArgs, CheckResultArgs};
 use crate::command::describe::describe;
+use crate::command::loading::load;
 use crate::command::printing::{print, print_json};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
@@ -85,7 +86,8 @@ pub fn execute(world: &World, args: &CheckArgs) -> Result<()> {
 }
 
 fn check(world: &World, args: &CheckArgs) -> Result<()> {
-    let case = load_for_accuracy(world, &args.case, &args.accuracy)?;
+    let case = load(world, &args.case)?;
+    let case = with_accuracy(world, case, &args.case.changes, &args.accuracy)?;
     let case = read_and_reduced(&world.group(), &case)?;
     refuse_too_large_here(world, &case)?;
     announce_slow_steps(world, &case);

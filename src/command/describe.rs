@@ -28,19 +28,14 @@ pub(crate) fn describe(case: &Case, bounds: &Bounds) -> String {
     } else {
         "known once the matrix is assembled".to_owned()
     };
+    let unknowns = if case.space.degree() == 0 { "cells" } else { "unknowns" };
     text += &format!(
-        "{}; largest rate {}; growth of S {growth}{}\n",
-        unknowns(&case.space),
+        "{} {unknowns}; largest rate {}; growth of S {growth}{}\n",
+        case.space.cells(),
         short(bounds.rate),
         if bounds.weighted { " with dissipative weights" } else { "" }
     );
     text
-}
-
-/// The number of cells, or of unknowns of elements.
-fn unknowns(space: &PhaseSpace) -> String {
-    let what = if space.degree() == 0 { "cells" } else { "unknowns" };
-    format!("{} {what}", space.cells())
 }
 
 /// A number with all its digits, in scientific form where it is very small or large.

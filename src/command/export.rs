@@ -21,7 +21,7 @@ use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::{export, matrices, planned_modes};
 use crate::solve::prepared::Prepared;
 use crate::solve::system::RoughSolution;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Exports the circuit of a tiny case and prints its qubits and probability. Collective.
 ///
@@ -34,7 +34,13 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     let owner = ExportOwner::new(ExportKind::Quantum, &case.settings);
     let directory = output(world, &args.export, &owner, &names, &case.name)?;
     let (case, about_interface) = on_a_quantum_computer(case);
-    let exported = export_quantum(world, &case, &directory, args.complete.map(usize::from))?;
+    export::refuse(&case)?;
+    let (mut prepared, here) = assembled(world, &case)?;
+    let ratio = prepared.probe();
+    let mut prepared = prepared.plan_modes(world, &here, ratio)?;
+    let estimate = args.complete.map(usize::from);
+    let exported = world.group().agree(Export::new(&mut prepared, estimate))?;
+    world.group().on_first_rank(|| exported.write(&directory))?;
     let description = exported.description();
     if let Some(why) = &description.preparation
         && world.group().is_first()
@@ -165,21 +171,4 @@ fn assembled(world: &World, case: &Case) -> Result<(Prepared, Resources)> {
     let here =
         Resources { ranks_x: Some(vec![1; case.space.dimension()]), ..Resources::here(world) };
     Ok((Prepared::new(world, case, &here)?, here))
-}
-
-/// Exports `case` into `directory`: the first rank writes. Collective.
-fn export_quantum(
-    world: &World,
-    case: &Case,
-    directory: &Path,
-    estimate: Option<usize>,
-) -> Result<Export> {
-    export::refuse(case)?;
-    let all = world.group();
-    let (mut prepared, here) = assembled(world, case)?;
-    let ratio = prepared.probe();
-    let mut prepared = prepared.plan_modes(world, &here, ratio)?;
-    let exported = all.agree(Export::new(&mut prepared, estimate))?;
-    all.on_first_rank(|| exported.write(directory))?;
-    Ok(exported)
 }

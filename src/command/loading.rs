@@ -234,26 +234,26 @@ pub fn default_directory_of(case: &str, what: &str) -> PathBuf {
     name.into()
 }
 
-/// The directory of a study of the case file `case`: `output`, or `results/NAME-what`.
-pub fn study_directory(output: Option<&PathBuf>, owner: &ExportOwner, case: &str) -> PathBuf {
-    output.cloned().unwrap_or_else(|| default_directory_of(case, &owner.export.word()))
-}
-
-/// Makes the `directory` of a study, unless it holds files of another case and `force` is not
-/// given. Fails before minutes are spent on measurements. Collective.
+/// Makes the directory of a study of the case file `case`: `output`, or `results/NAME-what`. Fails
+/// before minutes are spent on measurements if it holds files of another case and `force` is not
+/// given. Collective.
 ///
 /// # Errors
 /// As [`refuse_to_replace_study`] and [`disk::make`], the same on all ranks.
 pub fn make_study_directory(
     world: &World,
-    directory: &Path,
+    output: Option<&PathBuf>,
     owner: &ExportOwner,
+    case: &str,
     force: bool,
-) -> Result<()> {
+) -> Result<PathBuf> {
+    let by_default = || default_directory_of(case, &owner.export.word());
+    let directory = output.cloned().unwrap_or_else(by_default);
     world.group().on_first_rank(|| {
         if !force {
-            refuse_to_replace_study(directory, owner)?;
+            refuse_to_replace_study(&directory, owner)?;
         }
-        disk::make(directory)
-    })
+        disk::make(&directory)
+    })?;
+    Ok(directory)
 }

@@ -7,10 +7,10 @@ use crate::command::cli::MovieArgs;
 use crate::command::plot::{PictureDirectory, WrittenFiles, open};
 use crate::parallel::communicator::World;
 use crate::results::movie::{self, MOST_FRAMES};
-use crate::results::pictures;
 use crate::results::pictures::cut::Cut;
 use crate::results::pictures::film::Film;
 use crate::results::pictures::stored::{StoredRun, StoredTime};
+use crate::results::pictures::{MOVIE, numbered};
 
 /// Writes the movies of a run; the first rank reads and writes. Collective.
 ///
@@ -32,7 +32,7 @@ fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
     if cuts.is_empty() {
         cuts.push(Cut::usual(&run, &times));
     }
-    let names: Vec<String> = (1..=cuts.len()).map(name).collect();
+    let names: Vec<String> = (1..=cuts.len()).map(|k| numbered(MOVIE, k)).collect();
     let place = PictureDirectory::new(&run, args.places.output.as_deref());
     if !args.force {
         let files =
@@ -52,14 +52,6 @@ fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
     }
     place.claim()?;
     Ok(written)
-}
-
-/// The name of the `k`-th movie, from 1, without its ending.
-fn name(k: usize) -> String {
-    match k {
-        1 => pictures::MOVIE.to_owned(),
-        k => format!("{}_{k}", pictures::MOVIE),
-    }
 }
 
 /// The times of the frames.

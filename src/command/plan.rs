@@ -109,15 +109,15 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<J
 fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Result<JobResources> {
     let most = numbers.last().copied().unwrap_or(1);
     let measured = planning::MeasuredCase::new(world, case, &resources(args, most))?;
-    let mut known: Option<RunPlans> = None;
+    let plan_on = |known: &Option<RunPlans>, resources: &Resources| match known {
+        None => measured.plan(resources),
+        Some(known) => known.on(&measured.case, resources),
+    };
+    let mut known = None;
     let mut choices = Vec::new();
     for &ranks in numbers {
         let resources = resources(args, ranks);
-        let planned = match &known {
-            None => measured.plan(&resources),
-            Some(known) => known.on(&measured.case, &resources),
-        };
-        let plan = planned.map(|planned| known.insert(planned).plan.clone());
+        let plan = plan_on(&known, &resources).map(|planned| known.insert(planned).plan.clone());
         choices.push(RankChoice { ranks, node: node(args, ranks), plan });
     }
     let reference = if args.calibrate {
@@ -127,10 +127,7 @@ fn on_many(world: &World, args: &PlanArgs, case: &Case, numbers: &[usize]) -> Re
     };
     // Its cost is compared with others, also where it does not fit.
     let alone = Resources { ranks: 1, ..Resources::default() };
-    let one = match &known {
-        Some(known) => known.on(&measured.case, &alone)?,
-        None => measured.plan(&alone)?,
-    };
+    let one = plan_on(&known, &alone)?;
     let table = RankTable::new(&measured.case, choices, &one.plan, reference.as_ref())?;
     print_as(world, &table, args.json);
     let best = table.recommended();

@@ -18,7 +18,6 @@ use crate::results::report::{self, Report, missing};
 use crate::results::table_file::with_tables_known;
 use crate::results::untrusted;
 use crate::run::planning::read_and_reduced;
-use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
 /// Largest number of space cells for which a report describes the case, as `V` is evaluated on all.
@@ -58,16 +57,14 @@ impl PictureDirectory {
     pub fn new(run: &StoredRun, output: Option<&Path>) -> Self {
         let of_run = run.directory.clone();
         let own = of_run.join(pictures::FOLDER);
-        let Some(output) = output else { return Self { directory: own, of_run, owner: None } };
-        let directory = output.to_owned();
-        if is_same(output, &own) || is_same(output, &of_run) {
-            return Self { directory, of_run, owner: None };
-        }
-        let settings = run.case.as_ref().map(|case| case.settings.clone());
-        // A case that this program cannot read is identified by its text.
-        let settings = settings.unwrap_or_else(|_| [("case".to_owned(), run.text.clone())].into());
-        let owner = Some(ExportOwner { export: ExportKind::Pictures, settings });
-        Self { directory, of_run, owner }
+        let foreign = output.filter(|path| !is_same(path, &own) && !is_same(path, &of_run));
+        let owner = foreign.map(|_| {
+            let settings = run.case.as_ref().map(|case| case.settings.clone());
+            // A case that this program cannot read is identified by its text.
+            let by_text = |_| [("case".to_owned(), run.text.clone())].into();
+            ExportOwner { export: ExportKind::Pictures, settings: settings.unwrap_or_else(by_text) }
+        });
+        Self { directory: output.map_or(own, Path::to_owned), of_run, owner }
     }
 
     /// Refuses to replace files of another case, and those of `names` that phasewarp did not write,
@@ -200,35 +197,19 @@ fn write_report(
 fn description(world: &World, run: Option<&StoredRun>) -> std::result::Result<String, String> {
     let group = world.group();
     let described = || -> Result<String> {
-        let source: CaseSource = group.of_first_rank(|| {
+        let (name, text, overrides): (String, String, Vec<String>) = group.of_first_rank(|| {
             let run = run.ok_or_else(|| Error::input("no run is open"))?;
-            CaseSource::of(run).map_err(Error::Input)
+            let case = run.case.as_ref().map_err(Error::input)?;
+            if case.space.space_cells() > MOST_POINTS {
+                return Err(Error::Input(format!("more than {MOST_POINTS} cells of space")));
+            }
+            Ok((case.name.clone(), run.text.clone(), run.overrides.clone()))
         })?;
-        let case = Case::parse(&source.name, &source.text, &source.overrides)?;
+        let case = Case::parse(&name, &text, &overrides)?;
         let case = read_and_reduced(&group, &case)?;
         Ok(describe(&case, &Bounds::new(&case)?))
     };
     described().map_err(|e| e.to_string())
-}
-
-/// What the case of a run is read from.
-#[derive(Serialize, Deserialize)]
-struct CaseSource {
-    name: String,
-    text: String,
-    overrides: Vec<String>,
-}
-
-impl CaseSource {
-    /// The source of the case of `run`, or why that is not described.
-    fn of(run: &StoredRun) -> std::result::Result<Self, String> {
-        let case = run.case.as_ref().map_err(Clone::clone)?;
-        if case.space.space_cells() > MOST_POINTS {
-            return Err(format!("more than {MOST_POINTS} cells of space"));
-        }
-        let (text, overrides) = (run.text.clone(), run.overrides.clone());
-        Ok(Self { name: case.name.clone(), text, overrides })
-    }
 }
 
 /// A run and its pictures.

@@ -31,7 +31,7 @@ const STOP_MESSAGES: StopMessages = StopMessages {
 pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     set_stop_messages(world, STOP_MESSAGES);
     machine::begin(RunPart::SetUp);
-    let RunRequest { case: given, directory } = run_request(world, args)?;
+    let (given, directory) = run_request(world, args)?;
     let case = match args.continued {
         // A continued run keeps its grid.
         Some(_) => given,
@@ -40,7 +40,10 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     if case.method != Method::Schrodingerized {
         machine::begin(RunPart::Classical);
     }
-    if args.resume && run::is_done_removing_rest(world, &directory, &case, damage_warning) {
+    let damaged = |damage: &Error| {
+        format!("--resume: {damage}: the finished run is damaged and is computed anew")
+    };
+    if args.resume && run::is_done_removing_rest(world, &directory, &case, damaged) {
         let shown = directory.display();
         print(world, &format!("--resume: the run is finished; results in {shown}"));
         for line in run::lines_about_errors(world, &directory, case.strict)? {
@@ -62,12 +65,11 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     print(world, &closing_line(&summary, &directory));
     let ledger = summary.ledger.iter().filter(|l| args.verbose || !l.warnings().is_empty());
     ledger.for_each(|ledger| print(world, &ledger.text()));
-    if let Some(line) = summary.readout.as_ref().and_then(Readout::line) {
-        print(world, &line);
-    }
+    let readout = summary.readout.as_ref().and_then(Readout::line);
     let inherited = summary.continued.as_ref().map(ContinuedResult::line);
     let goal = goal_line(case.accuracy, &summary);
-    for line in inherited.into_iter().chain(goal).chain(summary.accuracy.line()) {
+    let errors = inherited.into_iter().chain(goal).chain(summary.accuracy.line());
+    for line in readout.into_iter().chain(errors) {
         print(world, &line);
     }
     summary.missed.refuse(case.strict)?;
@@ -77,24 +79,13 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     Ok(())
 }
 
-/// The warning of damaged results, where `--resume` looks for finished ones.
-fn damage_warning(damage: &Error) -> String {
-    format!("--resume: {damage}: the finished run is damaged and is computed anew")
-}
-
-/// The case to run, and the directory of its results.
-struct RunRequest {
-    case: Case,
-    directory: PathBuf,
-}
-
-/// The run that `args` ask for. Collective.
-fn run_request(world: &World, args: &RunArgs) -> Result<RunRequest> {
+/// The case that `args` ask to run, and the directory of its results. Collective.
+fn run_request(world: &World, args: &RunArgs) -> Result<(Case, PathBuf)> {
     let given = args.output.clone();
     if let (Some(from), Some(until)) = (&args.continued, &args.until) {
         let case = load_continued(world, from, until, &args.changes)?;
         let directory = given.unwrap_or_else(|| default_directory_until(from, case.end));
-        return Ok(RunRequest { case, directory });
+        return Ok((case, directory));
     }
     if let Some(until) = &args.until {
         let what = "is the final time of --continue DIR; for a case file use --set time.end";
@@ -105,7 +96,7 @@ fn run_request(world: &World, args: &RunArgs) -> Result<RunRequest> {
         CaseArgs { case: args.case.clone().unwrap_or_default(), changes: args.changes.clone() };
     let case = load(world, &case)?;
     let directory = given.unwrap_or_else(|| default_directory(&case.name));
-    Ok(RunRequest { case, directory })
+    Ok((case, directory))
 }
 
 /// `case`, on the grid that is chosen for its accuracy if it has one. A resumed run takes the
@@ -117,10 +108,8 @@ fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> R
         let here = chosen.as_ref().unwrap_or(&case);
         refuse_to_replace(&world.group(), directory, here, false)?;
     }
-    match chosen.filter(|_| args.resume) {
-        Some(case) => Ok(case),
-        None => accuracy::choose(world, case, args, directory),
-    }
+    let resumed = chosen.filter(|_| args.resume);
+    resumed.map_or_else(|| accuracy::choose(world, case, args, directory), Ok)
 }
 
 /// A line that says whether the density meets the case's accuracy. `None` if the case has none, or

@@ -39,10 +39,8 @@ const NO_TIME: &str = "\
 # Fill in the time and remove one #; plan --calibrate predicts it.
 ##SBATCH --time=01:00:00";
 
-/// The resources of a job.
 #[derive(Clone, Copy, Debug)]
 pub struct JobResources {
-    /// Number of ranks.
     pub ranks: usize,
     /// Planned bytes on the fullest rank.
     pub memory: u64,
@@ -50,14 +48,12 @@ pub struct JobResources {
     pub seconds: Option<f64>,
 }
 
-/// A job script.
 struct JobScript {
     /// Name of the job: letters, digits and `._-` only.
     name: String,
     needs: JobResources,
     /// Ranks on a node, if given.
     ranks_per_node: Option<u64>,
-    /// Settings of the site.
     site: String,
     /// Absolute paths of the program and of the script.
     program: String,
@@ -73,17 +69,16 @@ struct JobScript {
 /// [`Error::Input`].
 pub fn refuse(world: &World, args: &PlanArgs, case: &Case) -> Result<()> {
     let Some(file) = &args.sbatch else { return Ok(()) };
+    let refused = |what: &str| Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
     if case.accuracy.is_some() {
-        let what = "a job with solver.accuracy cannot be resumed; leave the key out and give \
-                    --accuracy, whose choice is written into the script as --set";
-        return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
+        return refused(
+            "a job with solver.accuracy cannot be resumed; leave the key out and give --accuracy, \
+             whose choice is written into the script as --set",
+        );
     }
     world.group().on_first_rank(|| {
-        if !args.force && disk::is_taken(file) {
-            let what = "exists; --force replaces it";
-            return Err(Error::Input(format!("--sbatch {}: {what}", file.display())));
-        }
-        Ok(())
+        let exists = !args.force && disk::is_taken(file);
+        if exists { refused("exists; --force replaces it") } else { Ok(()) }
     })
 }
 
@@ -128,7 +123,6 @@ impl JobScript {
     }
 }
 
-/// An absolute path.
 fn absolute(path: &Path) -> Result<String> {
     let refused =
         |why: &dyn fmt::Display| Error::Input(format!("--sbatch: {}: {why}", path.display()));

@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::command::cli::StabilityArgs;
-use crate::command::loading::{load, make_study_directory, study_directory};
+use crate::command::loading::{load, make_study_directory};
 use crate::command::printing::print;
 use crate::parallel::communicator::World;
 use crate::problem::exported::{ExportKind, ExportOwner};
@@ -15,8 +15,8 @@ use crate::study::stability;
 pub fn execute(world: &World, args: &StabilityArgs) -> Result<()> {
     let (all, case) = (world.group(), load(world, &args.case)?);
     let owner = ExportOwner::new(ExportKind::Stability, &case.settings);
-    let directory = study_directory(args.output.as_ref(), &owner, &case.name);
-    make_study_directory(world, &directory, &owner, args.force)?;
+    let output = args.output.as_ref();
+    let directory = make_study_directory(world, output, &owner, &case.name, args.force)?;
     let found = stability::measure(world, &case, &args.only, args.budget)?;
     all.on_first_rank(|| found.write(&directory, &owner))?;
     print(world, &found.to_string());

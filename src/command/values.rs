@@ -1,17 +1,24 @@
 //! Parsers of option values: accuracies, durations, sizes.
 
 use crate::quantum::synthesis::RotationSynthesis;
+use std::str::FromStr;
 use std::time::Duration;
+
+/// The value of `text` if it `is_allowed`; if not, the error says what is `expected`.
+fn parsed<T: FromStr>(
+    text: &str,
+    is_allowed: impl Fn(&T) -> bool,
+    expected: &str,
+) -> Result<T, String> {
+    text.trim().parse().ok().filter(is_allowed).ok_or_else(|| format!("{expected} expected"))
+}
 
 /// A number between 0 and 1.
 ///
 /// # Errors
 /// What is wrong with `text`.
 pub fn accuracy(text: &str) -> Result<f64, String> {
-    match text.trim().parse() {
-        Ok(epsilon) if epsilon > 0.0 && epsilon < 1.0 => Ok(epsilon),
-        _ => Err("a number above 0 and below 1 expected".into()),
-    }
+    parsed(text, |epsilon| *epsilon > 0.0 && *epsilon < 1.0, "a number above 0 and below 1")
 }
 
 /// A finite number.
@@ -19,10 +26,7 @@ pub fn accuracy(text: &str) -> Result<f64, String> {
 /// # Errors
 /// What is wrong with `text`.
 pub fn wavenumber(text: &str) -> Result<f64, String> {
-    match text.trim().parse() {
-        Ok(mu) if f64::is_finite(mu) => Ok(mu),
-        _ => Err("a finite number expected".into()),
-    }
+    parsed(text, |mu: &f64| mu.is_finite(), "a finite number")
 }
 
 /// T gates of a rotation: FACTOR,CONSTANT.
@@ -111,10 +115,7 @@ fn doubled_between(before: &[usize], last: usize) -> Result<Vec<usize>, String> 
 /// # Errors
 /// What is wrong with `text`.
 pub fn refinement(text: &str) -> Result<usize, String> {
-    match text.trim().parse() {
-        Ok(n @ 1..=64) => Ok(n),
-        _ => Err("a whole number from 1 to 64 expected".into()),
-    }
+    parsed(text, |n| (1..=64).contains(n), "a whole number from 1 to 64")
 }
 
 /// Seconds; `90s`, `90m`, `1.5h`, `2d`, `1h30m`; Slurm's `MM:SS`, `HH:MM:SS`, `D-HH:MM`,
@@ -144,10 +145,8 @@ fn number(text: &str, unit: &str) -> Result<f64, String> {
 
 /// Seconds of `MM:SS`, `HH:MM:SS`, `D-HH:MM` or `D-HH:MM:SS`, as Slurm reads them.
 fn clock_seconds(text: &str) -> Result<f64, String> {
-    let (days, clock) = match text.split_once('-') {
-        Some((days, clock)) => (Some(days), clock),
-        None => (None, text),
-    };
+    let with_days = text.split_once('-').map(|(days, clock)| (Some(days), clock));
+    let (days, clock) = with_days.unwrap_or((None, text));
     let days: Option<Option<u32>> = days.map(|days| days.parse().ok());
     let fields: Option<Vec<u32>> = clock.split(':').map(|field| field.parse().ok()).collect();
     let sum = |fields: &[u32]| fields.iter().fold(0.0, |sum, &f| 60.0 * sum + f64::from(f));
@@ -196,12 +195,9 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let split = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
+    let known = "KiB, MiB, GiB, TiB, kB, MB, GB, TB and B are known";
     let factor = match unit.trim().to_ascii_lowercase().as_str() {
-        "" if !number.is_empty() => {
-            return Err(format!(
-                "{number} has no unit; KiB, MiB, GiB, TiB, kB, MB, GB, TB and B are known"
-            ));
-        }
+        "" if !number.is_empty() => return Err(format!("{number} has no unit; {known}")),
         "b" => 1.0,
         "kb" => 1e3,
         "mb" => 1e6,
@@ -211,11 +207,7 @@ pub fn bytes(text: &str) -> Result<u64, String> {
         "m" | "mib" => 1024f64.powi(2),
         "g" | "gib" => 1024f64.powi(3),
         "t" | "tib" => 1024f64.powi(4),
-        other => {
-            return Err(format!(
-                "unknown unit \"{other}\"; KiB, MiB, GiB, TiB, kB, MB, GB, TB and B are known"
-            ));
-        }
+        other => return Err(format!("unknown unit \"{other}\"; {known}")),
     };
     let value: f64 = number.trim().parse().map_err(|_| format!("\"{number}\" is not a number"))?;
     if !(value.is_finite() && value > 0.0) {

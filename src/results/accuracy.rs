@@ -285,11 +285,11 @@ impl Accuracy {
     /// The grid's errors as text, in significant digits; `None` if none is known.
     pub fn errors_of_grid(&self) -> Option<String> {
         let named = |name: &str, error: Option<f64>, source: Option<ErrorSource>| {
+            let error = error?;
             // An estimate may be wrong by a factor of ten.
-            let about = format!("about {} %", short(one_digit(100.0 * error?)));
+            let about = format!("about {} %", short(one_digit(100.0 * error)));
             // What particles show beyond their scatter is a lower bound.
-            let at_least =
-                || format!("at least {} %", short(rounded_down(100.0 * error.unwrap_or(0.0))));
+            let at_least = || format!("at least {} %", short(rounded_down(100.0 * error)));
             let is_mean = name == "f" && self.particles.field_mean.is_some();
             // Older summaries do not have the source.
             let source = source.unwrap_or(if self.grid_measured {
@@ -298,7 +298,7 @@ impl Accuracy {
                 ErrorSource::Estimated
             });
             let digits = match source {
-                ErrorSource::Measured => percent(error?),
+                ErrorSource::Measured => percent(error),
                 ErrorSource::Estimated => about,
                 ErrorSource::Particles if is_mean => format!("{about} by particles"),
                 ErrorSource::Particles if name == "f" => format!("{} by particles", at_least()),

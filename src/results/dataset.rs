@@ -25,7 +25,6 @@ pub enum ExactSolution {
 
 /// The contents of `result.h5`.
 pub struct Results<'a> {
-    /// The case.
     pub case: &'a Case,
     /// The plan it ran with.
     pub plan: &'a Plan,
@@ -58,7 +57,6 @@ pub struct Results<'a> {
 
 /// Attributes of a file as a whole.
 pub struct FileAttributes<'a> {
-    /// The case.
     pub case: &'a Case,
     /// The plan it ran with.
     pub plan: &'a Plan,
@@ -83,10 +81,8 @@ impl<'a> Results<'a> {
 
     /// The branches of the exact velocity, if they are known.
     pub(crate) fn curve(&self) -> Option<&'a MultivaluedVelocity> {
-        match self.exact {
-            Some(ExactSolution::Measure { curve }) => curve.as_ref(),
-            _ => None,
-        }
+        let Some(ExactSolution::Measure { curve }) = self.exact else { return None };
+        curve.as_ref()
     }
 }
 
@@ -101,7 +97,6 @@ pub struct PlateauPoint {
     pub norm: f64,
 }
 
-/// The vectors as slices.
 pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
     vectors.iter().map(Vec::as_slice).collect()
 }
@@ -109,9 +104,7 @@ pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
 /// Results at an output time before the end, on a rank's share.
 #[derive(Clone, Debug)]
 pub struct EarlyResult {
-    /// The time.
     pub time: f64,
-    /// The moments.
     pub moments: Moments,
     /// Mass and energies in all of space.
     pub totals: Totals,

@@ -18,16 +18,12 @@ pub const POINT: &str = "point";
 /// The cells over which a dataset has values, after its components.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DatasetCells {
-    /// Cells of space.
     Space,
-    /// Cells of phase space.
     PhaseSpace,
 }
 
-/// A kind of dataset.
 #[derive(Clone, Copy, Debug)]
 pub struct DatasetKind {
-    /// Name of the dataset.
     pub name: &'static str,
     /// The cells for which it has values.
     pub over: DatasetCells,
@@ -95,7 +91,6 @@ pub fn moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY, MOMENTUM, VELOCITY], moments)
 }
 
-/// The moments of the exact solution.
 pub fn exact_moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY_EXACT, MOMENTUM_EXACT, VELOCITY_EXACT], moments)
 }
@@ -109,14 +104,9 @@ fn of_kinds([density, momentum, velocity]: [DatasetKind; 3], moments: &Moments) 
     .map(|(kind, components)| Field { kind, components })
 }
 
-/// The exact field, if there is one.
 pub fn exact(solution: Option<&ExactSolution>) -> Option<Field<'_>> {
-    match solution {
-        Some(ExactSolution::Field(values)) => {
-            Some(Field { kind: EXACT, components: vec![&values[..]] })
-        }
-        _ => None,
-    }
+    let Some(ExactSolution::Field(values)) = solution else { return None };
+    Some(Field { kind: EXACT, components: vec![&values[..]] })
 }
 
 /// The moments at every output time, the end last: first those computed, then exact ones, if they
@@ -173,7 +163,6 @@ impl DatasetLayout {
         }
     }
 
-    /// Names of the axes of a dataset.
     pub fn axes(&self, kind: DatasetKind) -> Vec<&'static str> {
         let component = kind.vector.then_some(COMPONENT);
         let others = self.names[..self.axes_over(kind.over)].iter().copied();

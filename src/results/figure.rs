@@ -65,15 +65,13 @@ impl PlotAxis {
     }
 
     /// This axis with ticks at whole numbers only.
-    pub fn whole(mut self) -> Self {
-        self.whole = true;
-        self
+    pub fn whole(self) -> Self {
+        Self { whole: true, ..self }
     }
 
     /// This axis from `lower` to `upper`.
-    pub fn within(mut self, lower: f64, upper: f64) -> Self {
-        self.range = Some([lower, upper]);
-        self
+    pub fn within(self, lower: f64, upper: f64) -> Self {
+        Self { range: Some([lower, upper]), ..self }
     }
 }
 
@@ -200,8 +198,7 @@ impl Panel {
 
     /// The panel with a vertical line at `at` on the horizontal axis.
     pub fn vertical(self, label: impl Into<String>, at: f64) -> Self {
-        let label = label.into();
-        self.with(Layer::Vertical { label, at })
+        self.with(Layer::Vertical { label: label.into(), at })
     }
 
     /// The panel with vertical lines at these positions, without labels.
@@ -211,8 +208,7 @@ impl Panel {
 
     /// The panel with a horizontal line at `at` on the vertical axis.
     pub fn horizontal(self, label: impl Into<String>, at: f64) -> Self {
-        let label = label.into();
-        self.with(Layer::Horizontal { label, at })
+        self.with(Layer::Horizontal { label: label.into(), at })
     }
 }
 
@@ -244,20 +240,17 @@ impl Figure {
     }
 
     /// The figure with `columns` panels in a row.
-    pub fn columns(mut self, columns: usize) -> Self {
-        self.columns = columns.max(1);
-        self
+    pub fn columns(self, columns: usize) -> Self {
+        Self { columns: columns.max(1), ..self }
     }
 
     /// The figure with a caption.
-    pub fn caption(mut self, caption: impl Into<String>) -> Self {
-        self.caption = caption.into();
-        self
+    pub fn caption(self, caption: impl Into<String>) -> Self {
+        Self { caption: caption.into(), ..self }
     }
 
     /// The figure with frames of `width` by `height` points.
-    pub fn frame(mut self, width: f64, height: f64) -> Self {
-        self.frame = [width, height];
-        self
+    pub fn frame(self, width: f64, height: f64) -> Self {
+        Self { frame: [width, height], ..self }
     }
 }

@@ -157,6 +157,11 @@ impl Ledger {
         Some(rounded(mass / all, 1.0)).filter(|share| share.is_finite())
     }
 
+    /// The share of a mass, if it is large enough for a warning.
+    fn noticeable(&self, mass: f64) -> Option<f64> {
+        self.share(mass).filter(|share| share.abs() > NOTICEABLE)
+    }
+
     /// A mass, and its share of all mass.
     fn with_share(&self, mass: f64) -> String {
         match self.share(mass) {
@@ -221,18 +226,14 @@ impl Ledger {
 
     /// Warning of initial data beyond the velocity box.
     fn start_warning(&self) -> Option<String> {
-        let cut = |mass: Option<f64>| {
-            let share = self.share(mass?)?;
-            Some(share).filter(|share| share.abs() > NOTICEABLE)
-        };
-        if let Some(share) = cut(self.mass.outside) {
+        if let Some(share) = self.mass.outside.and_then(|mass| self.noticeable(mass)) {
             return Some(format!(
                 "mass: initial.velocity is outside of the velocity box for {} of the data, which \
                  are left out; take a wider box",
                 percent(share)
             ));
         }
-        let share = cut(self.mass.beyond)?;
+        let share = self.noticeable(self.mass.beyond?)?;
         Some(format!(
             "mass: the initial data go beyond the velocity box: up to half its width beyond it \
              there is {} of what is in it; take a wider box if these particles matter",
@@ -241,8 +242,8 @@ impl Ledger {
     }
 
     fn interface_warning(&self) -> Option<String> {
-        let share = self.share(self.mass.interface_estimate?)?;
-        (share.abs() > NOTICEABLE && self.holds_data()).then(|| {
+        let share = self.noticeable(self.mass.interface_estimate?)?;
+        self.holds_data().then(|| {
             format!(
                 "mass: scheme.interface = \"hat\" changes it by an estimated {}; take more \
                  velocity cells, or \"conservative\"",
@@ -326,7 +327,7 @@ impl Ledger {
     /// Warning of lost mass, if the outflow through the ends is unknown.
     fn balance_warning(&self) -> Option<String> {
         let lost = self.mass.lost.filter(|_| self.mass.left_estimate.is_none())?;
-        let share = self.share(lost).filter(|share| share.abs() > NOTICEABLE)?;
+        let share = self.noticeable(lost)?;
         Some(format!(
             "mass: {} of it is gone at the end, through an unknown end of the box; take a wider \
              box where nothing should leave",
@@ -337,8 +338,8 @@ impl Ledger {
     /// Warnings of outflow through the ends of the velocity box.
     fn velocity_warnings(&self) -> Vec<String> {
         let lost = |end: &&BoxEnd| {
-            let share = self.share((end.outflow + end.outflow_at_jumps).abs());
-            end.axis.starts_with('v') && share.is_some_and(|share| share > NOTICEABLE)
+            let all = end.outflow + end.outflow_at_jumps;
+            end.axis.starts_with('v') && self.noticeable(all).is_some()
         };
         let warning = |end: &BoxEnd| {
             let [all, jumps] = [end.outflow + end.outflow_at_jumps, end.outflow_at_jumps]
@@ -470,9 +471,8 @@ impl Ledger {
 
     fn energy_line(&self) -> Option<String> {
         let kinetic = self.energy.kinetic?;
-        let change = |before: Option<f64>, after: f64| match before {
-            Some(before) => format!("{} -> {}", short(before), short(after)),
-            None => short(after),
+        let change = |before: Option<f64>, after: f64| {
+            before.map_or(String::new(), |before| short(before) + " -> ") + &short(after)
         };
         let kinetic = change(self.energy.kinetic_initial, kinetic);
         let potential = (self.energy.potential)

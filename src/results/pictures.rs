@@ -65,6 +65,11 @@ pub fn files(directory: &Path) -> Vec<PathBuf> {
     names.filter(|name| is_ours(name)).map(|name| Path::new(FOLDER).join(name)).collect()
 }
 
+/// The name of the `k`-th picture or movie called `name`, from 1.
+pub fn numbered(name: &str, k: usize) -> String {
+    if k == 1 { name.to_owned() } else { format!("{name}_{k}") }
+}
+
 /// A figure and the name of its files.
 pub struct Picture {
     /// Name of the files, without an ending.
@@ -100,12 +105,8 @@ pub fn draw(run: &StoredRun, beside: Option<&StoredRun>, cuts: &[Cut]) -> Result
     let usual = Cut::usual(run, &[run.end()]);
     let cuts = if cuts.is_empty() { std::slice::from_ref(&usual) } else { cuts };
     let mut album = Album { pictures: Vec::new(), left_out: Vec::new() };
-    for (k, cut) in cuts.iter().enumerate() {
-        let name = match k {
-            0 => "phase_space".to_owned(),
-            k => format!("phase_space_{}", k + 1),
-        };
-        album.add(&name, phase_space::draw(&runs, cut).map(Some));
+    for (k, cut) in (1..).zip(cuts) {
+        album.add(&numbered("phase_space", k), phase_space::draw(&runs, cut).map(Some));
     }
     if run.dimension() == 1 {
         album.add("moments", moments::lines(&runs).map(Some));

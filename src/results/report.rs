@@ -14,7 +14,7 @@ pub mod trust;
 use crate::base::checksum;
 use crate::base::disk::{is_taken, not_replaced, open_regular};
 use crate::base::error::Result;
-use crate::base::text::{bytes_text, joined, percent, short};
+use crate::base::text::{bytes_text, counted, joined, percent, short};
 use crate::results::accuracy::Accuracy;
 use crate::results::ledger::BoxEnd;
 use crate::results::pictures::Album;
@@ -149,13 +149,6 @@ pub fn missing(summary: &Value) -> Vec<(String, String)> {
     all
 }
 
-/// A folded section of the page.
-struct Section {
-    id: &'static str,
-    heading: &'static str,
-    body: Markup,
-}
-
 impl Report<'_> {
     /// The page.
     ///
@@ -163,7 +156,6 @@ impl Report<'_> {
     /// [`crate::base::error::Error::Output`] if a picture cannot be drawn.
     pub fn html(&self) -> Result<String> {
         let judgement = &Judgement::of(self.summary);
-        let sections = self.sections(judgement);
         let title = self.run.title();
         // Each element of the head is a line of its own, so that scripts find it.
         let page = html! {
@@ -187,9 +179,9 @@ impl Report<'_> {
                     section id="pictures" { (self.pictures()?) }
                     section id="detail" {
                         h2 { "In detail" }
-                        @for part in &sections {
+                        @for (id, heading, body) in self.sections(judgement) {
                             "\n"
-                            details id=(part.id) { summary { (part.heading) } (part.body) }
+                            details id=(id) { summary { (heading) } (body) }
                         }
                     }
                 }
@@ -234,9 +226,12 @@ impl Report<'_> {
         Err(not_replaced(directory, &what))
     }
 
-    /// The sections that are not empty.
-    fn sections(&self, judgement: &Judgement) -> Vec<Section> {
-        let all = [
+    /// The folded sections that are not empty: identifier, heading, body.
+    fn sections(
+        &self,
+        judgement: &Judgement,
+    ) -> impl Iterator<Item = (&'static str, &'static str, Markup)> + use<> {
+        [
             ("errors", "Errors", self.errors(judgement)),
             ("ledger", "Ledger of mass and energy", self.ledger(judgement)),
             ("reductions", "What was left out of the computation", self.reductions()),
@@ -246,9 +241,9 @@ impl Report<'_> {
             ("plan", "Plan", plan::table(&self.run.plan)),
             ("case", "Case", self.case()),
             ("provenance", "Provenance", self.provenance()),
-        ];
-        let all = all.map(|(id, heading, body)| Section { id, heading, body });
-        all.into_iter().filter(|part| !part.body.0.is_empty()).collect()
+        ]
+        .into_iter()
+        .filter(|(_, _, body)| !body.0.is_empty())
     }
 
     fn number(&self, key: &str) -> Option<f64> {
@@ -258,11 +253,9 @@ impl Report<'_> {
     /// The problem, the method and the effort in sentences, for a first-time reader.
     fn summary_in_words(&self) -> Markup {
         let reference = self.run.provenance.get("reference").map_or("", String::as_str);
-        let sentences = [Some(self.problem()), self.effort()];
-        let sentences: Vec<String> = sentences.into_iter().flatten().collect();
         html! {
             @if !reference.is_empty() { p class="faint" { (Text(reference)) } }
-            p { (sentences.join(" ")) }
+            p { (self.problem()) @if let Some(effort) = self.effort() { " " (effort) } }
         }
     }
 
@@ -281,10 +274,9 @@ impl Report<'_> {
             _ => "by the classical scheme itself",
         };
         format!(
-            "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {} space dimension{}, on \
-             {grid}, solved from t = {} to {} {method}.",
-            run.dimension(),
-            if run.dimension() == 1 { "" } else { "s" },
+            "The Liouville equation f_t + v·∇_x f − ∇V·∇_v f = 0 in {}, on {grid}, solved from \
+             t = {} to {} {method}.",
+            counted(run.dimension(), "space dimension", "space dimensions"),
             run.provenance.get("start_time").map_or("0", String::as_str),
             short(run.time)
         )
@@ -400,14 +392,12 @@ impl Report<'_> {
 
     /// The ledger of mass and energy, and the mass that passed each end of the box.
     fn ledger(&self, judgement: &Judgement) -> Markup {
-        let (lines, ends) = match &judgement.ledger {
-            Some(ledger) => (ledger.lines(), &ledger.ends[..]),
-            None => (Vec::new(), &[][..]),
-        };
-        let ends = ends.iter().filter(|end| {
+        let Some(ledger) = &judgement.ledger else { return html! {} };
+        let lines = ledger.lines();
+        let is_passed = |end: &&BoxEnd| {
             [end.outflow, end.outflow_at_jumps, end.inflow].iter().any(|mass| *mass != 0.0)
-        });
-        let ends: Vec<&BoxEnd> = ends.collect();
+        };
+        let ends: Vec<&BoxEnd> = ledger.ends.iter().filter(is_passed).collect();
         html! {
             @if !lines.is_empty() { ul { @for line in lines { li { (Text(&line)) } } } }
             @if !ends.is_empty() {

@@ -77,9 +77,7 @@ struct OriginErrors {
 
 impl OriginErrors {
     fn of(directory: &Path) -> Self {
-        let Ok(summary) = summary::read(directory) else {
-            return Self::default();
-        };
+        let Ok(summary) = summary::read(directory) else { return Self::default() };
         let accuracy = &summary["accuracy"];
         // Those that are mostly the algorithm's say little about the grid.
         let of_grid = accuracy["includes_algorithm"] != true;
@@ -131,9 +129,10 @@ fn same_axis(name: &str, dataset: &Dataset, cells: usize, axis: &Axis) -> FileRe
         return Ok(());
     }
     let own = axis.nodes.degree;
-    let found = [("degree", degree), ("cells", (cells / (own + 1)) as u64)];
-    let expected = [own, axis.elements()];
-    for ((what, found), expected) in found.into_iter().zip(expected.map(|number| number as u64)) {
+    let elements = (cells / (own + 1)) as u64;
+    for (what, found, expected) in
+        [("degree", degree, own as u64), ("cells", elements, axis.elements() as u64)]
+    {
         if found != expected {
             return Err(format!("{what} along {name}: {found} there, {expected} in the case"));
         }

@@ -219,32 +219,26 @@ impl ContinuedResult {
 
     /// The errors of the earlier parts as text, for the closing line.
     pub fn line(&self) -> String {
-        let of_algorithm = self.line_of_the_algorithm();
-        match self.grid {
-            GridErrorPair { field: None, density: None } => format!(
-                "{of_algorithm}; {GRID_ERROR} before t = {}: not known, and not part of any \
-                 estimate",
-                self.time
-            ),
-            _ => of_algorithm,
-        }
-    }
-
-    fn line_of_the_algorithm(&self) -> String {
-        match (self.error_inherited, self.error_total) {
+        let begin = self.time;
+        let of_algorithm = match (self.error_inherited, self.error_total) {
             (Some(inherited), Some(total)) => format!(
                 "error since t = 0: at most {total:.1e}, of which {inherited:.1e} are inherited \
-                 from before t = {}",
-                self.time
+                 from before t = {begin}"
             ),
             (Some(inherited), None) => {
-                format!("error inherited from before t = {}: at most {inherited:.1e}", self.time)
+                format!("error inherited from before t = {begin}: at most {inherited:.1e}")
             }
             (None, _) => format!(
-                "error inherited from before t = {}: not known, and not part of any estimate",
-                self.time
+                "error inherited from before t = {begin}: not known, and not part of any estimate"
             ),
+        };
+        if self.grid != GridErrorPair::default() {
+            return of_algorithm;
         }
+        format!(
+            "{of_algorithm}; {GRID_ERROR} before t = {begin}: not known, and not part of any \
+             estimate"
+        )
     }
 }
 
@@ -466,10 +460,7 @@ impl Summary {
         let is_planned = case.method == Method::Schrodingerized && !self.inflow_jumps;
         let asked = is_planned.then_some(case.tolerance);
         let own = self.own_error();
-        let algorithm = match &self.continued {
-            Some(continued) => continued.error_total,
-            None => own,
-        };
+        let algorithm = self.continued.as_ref().map_or(own, |continued| continued.error_total);
         let start_error = self.start_error;
         let planned = |asked: f64| match start_error {
             None => format!("not estimated (planned within {asked:e})"),

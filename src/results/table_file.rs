@@ -121,14 +121,11 @@ fn attribute(of: TableOf) -> String {
     }
 }
 
-/// The name of an axis of a table, its position among the coordinates, its number of points.
-type AxisHead = (String, usize, usize);
-
 /// Sends the table of the first rank to all ranks. Collective over `world`.
 fn shared(world: &Group, found: Option<Table>) -> FileResult<Table> {
     let axes = found.as_ref().map_or(&[][..], Table::axes);
     let axes = axes.iter().map(|axis| (axis.name.clone(), axis.position, axis.points.len()));
-    let heads: Vec<AxisHead> =
+    let heads: Vec<(String, usize, usize)> =
         world.of_first_rank(|| Ok(axes.collect())).map_err(|e| e.to_string())?;
     let shape: Vec<usize> = heads.iter().map(|(_, _, points)| *points).collect();
     // All ranks take the largest value, and all but the first have −∞.

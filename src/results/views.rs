@@ -266,7 +266,9 @@ fn space(writer: &Writer<'_>, results: &Results<'_>) -> Result<Grid> {
     writer.group("xdmf/space")?;
     for field in fields {
         let path = format!("/xdmf/space/{}", field.kind.name);
-        copy(writer, results, &field, &path)?;
+        let ReversedShare { axes, ranges, values } = ReversedShare::new(results, &field);
+        let what = format!("copy of /{}, axes reversed", field.kind.name);
+        writer.field(&path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)?;
         grid.show(field.kind.name, &path, field.kind.vector);
     }
     Ok(grid)
@@ -302,13 +304,6 @@ impl ReversedShare<'_> {
         }
         Self { axes, ranges, values }
     }
-}
-
-/// Writes a copy of a dataset over space, with reversed axes, at `path`.
-fn copy(writer: &Writer<'_>, results: &Results<'_>, field: &Field<'_>, path: &str) -> Result<()> {
-    let ReversedShare { axes, ranges, values } = ReversedShare::new(results, field);
-    let what = format!("copy of /{}, axes reversed", field.kind.name);
-    writer.field(path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)
 }
 
 /// Writes the fields on the planes (x_a, v_a) through the middle cells of the other axes.

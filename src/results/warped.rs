@@ -34,10 +34,8 @@ const MARGIN: u64 = 256 << 10;
 /// Name of the file of a field at the end, or at the earlier output time of number `early`, counted
 /// from 1.
 pub fn file_name(field: &str, early: Option<usize>) -> String {
-    match early {
-        None => format!("warped_{field}.h5"),
-        Some(number) => format!("warped_{field}_{number:04}.h5"),
-    }
+    let number = early.map_or(String::new(), |number| format!("_{number:04}"));
+    format!("warped_{field}{number}.h5")
 }
 
 /// Names of the files that a run writes.

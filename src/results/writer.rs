@@ -144,8 +144,7 @@ impl<'a> Writer<'a> {
             attribute(&dataset, "long_name", &text(what))?;
         }
         attribute(&dataset, "units", &text("1"))?;
-        let slab = DatasetBox::whole(&[values.len()]);
-        let sum = checksum::of_slab(&[values.len()], &slab, values);
+        let sum = checksum::run_checksum(0, values.iter().map(|x| x.to_bits()));
         attribute(&dataset, CHECKSUM, &sum)?;
         self.by_first_rank(|| dataset.write(values));
         Ok(dataset)
@@ -217,10 +216,7 @@ impl<'a> Writer<'a> {
 
     /// Writes, by the first rank, a dataset over one axis that is the same on all ranks.
     pub fn replicated(&self, name: &str, axis: &str, values: &[f64], what: &str) -> Result<()> {
-        let count = match self.world.rank() {
-            0 => values.len(),
-            _ => 0,
-        };
+        let count = if self.world.is_first() { values.len() } else { 0 };
         let slab = DatasetBox::whole(&[count]);
         self.field(name, &[axis], &[(slab, &values[..count])], what)
     }
@@ -318,10 +314,7 @@ fn terminated_text(at: &Dataset, name: &str, value: &CStr) -> hdf5::Result<()> {
         let closed = [h5a::H5Aclose(attribute), h5s::H5Sclose(scalar), h5t::H5Tclose(kind)];
         sized.min(written).min(closed.into_iter().min().unwrap_or(0))
     });
-    if written < 0 {
-        return Err(hdf5::Error::from("an attribute could not be written"));
-    }
-    Ok(())
+    if written >= 0 { Ok(()) } else { Err("an attribute could not be written".into()) }
 }
 
 /// Writes a text whose length is known only at run time; the safe interface has no type for it.
@@ -340,10 +333,7 @@ fn write_bytes(dataset: &Dataset, bytes: &[u8]) -> hdf5::Result<()> {
             bytes.as_ptr().cast(),
         )
     });
-    if status < 0 {
-        return Err(hdf5::Error::from("a text could not be written"));
-    }
-    Ok(())
+    if status >= 0 { Ok(()) } else { Err("a text could not be written".into()) }
 }
 
 /// The property list of a transfer, which the caller closes, and its status: below 0 for a failure.

@@ -11,9 +11,6 @@ use std::path::Path;
 /// Name of the file.
 pub const NAME: &str = "fields.xdmf";
 
-/// The end of its text.
-const END: &str = "</Domain>\n</Xdmf>\n";
-
 /// Writes `directory/fields.xdmf` for the times of `steps`. Without any it removes an older file.
 /// Only one rank calls it.
 ///
@@ -51,7 +48,7 @@ fn pieces(steps: &[GridsAtTime]) -> impl Iterator<Item = String> {
             )
         }
     });
-    std::iter::once(start).chain(times).chain(std::iter::once(format!("{end}{END}")))
+    std::iter::once(start).chain(times).chain([format!("{end}</Domain>\n</Xdmf>\n")])
 }
 
 /// The text of the grids at a time. Every grid is three-dimensional, and planes are one cell thick,

@@ -68,9 +68,6 @@ fn raster(figure: &Figure) -> FileResult<Raster> {
     Ok(Raster { size, pixels })
 }
 
-/// The colour of a value in [0, 1].
-type Shades = fn(f64) -> RGBColor;
-
 /// A palette of at most 255 colours that several similar figures share.
 pub struct Palette {
     colours: Vec<Colour>,
@@ -82,10 +79,9 @@ impl Palette {
     /// The palette of a figure: greys, the shades of its maps, and the colours of its lines on
     /// paper.
     pub fn of(figure: &Figure) -> Self {
-        let layers = || figure.panels.iter().flat_map(|panel| &panel.layers);
         let mut lines: Vec<RGBColor> = Vec::new();
-        let mut maps: [Option<Shades>; 2] = [None; 2];
-        for layer in layers() {
+        let mut maps: [Option<fn(f64) -> RGBColor>; 2] = [None; 2];
+        for layer in figure.panels.iter().flat_map(|panel| &panel.layers) {
             match layer {
                 Layer::Map(map) => maps[usize::from(map.differences)] = Some(colours(map)),
                 Layer::Line { style: Style { colour, .. }, .. }

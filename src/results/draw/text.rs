@@ -10,18 +10,14 @@ use std::sync::Once;
 /// Font family that SVG files name; PNG files use the font in the program.
 const FAMILY: &str = "DejaVu Sans, Verdana, sans-serif";
 
-fn register() {
+/// A font of `size` points; `plotters` draws letters at `1/1.24` of the size it is given.
+fn font(size: f64, weight: FontStyle) -> FontDesc<'static> {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         // This cannot fail, as the fonts in the program are valid.
         let _ = register_font(FAMILY, FontStyle::Normal, dejavu::sans::regular());
         let _ = register_font(FAMILY, FontStyle::Bold, dejavu::sans::bold());
     });
-}
-
-/// A font of `size` points; `plotters` draws letters at `1/1.24` of the size it is given.
-fn font(size: f64, weight: FontStyle) -> FontDesc<'static> {
-    register();
     FontDesc::new(FontFamily::Name(FAMILY), 1.24 * PIXELS * size, weight)
 }
 

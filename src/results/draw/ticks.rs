@@ -26,7 +26,8 @@ impl Ruler {
         let ticks = match axis.scale {
             _ if !axis.names.is_empty() => named(&axis.names),
             Scale::Linear if axis.whole => whole(ends, wanted),
-            scale => ticks(ends, scale, wanted),
+            Scale::Linear => linear(ends, wanted),
+            Scale::Log => logarithmic(ends, wanted),
         };
         Self { ends, scale: axis.scale, ticks }
     }
@@ -76,11 +77,9 @@ impl ValueFormatter<f64> for Ruler {
 
 /// A tick; it has no label if there is no room for one.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tick {
-    /// Value at the tick.
-    pub at: f64,
-    /// Label of the tick.
-    pub label: Option<String>,
+struct Tick {
+    at: f64,
+    label: Option<String>,
 }
 
 /// Ticks with these names at 0, 1, … .
@@ -97,15 +96,7 @@ fn whole(ends: [f64; 2], wanted: usize) -> Vec<Tick> {
     all
 }
 
-/// Ticks of an axis from `lower` to `upper`, about `wanted` of them labelled.
-pub fn ticks([lower, upper]: [f64; 2], scale: Scale, wanted: usize) -> Vec<Tick> {
-    match scale {
-        Scale::Linear => linear([lower, upper], wanted),
-        Scale::Log => logarithmic([lower, upper], wanted),
-    }
-}
-
-/// Multiples of 1, 2 or 5 times a power of ten.
+/// About `wanted` multiples of 1, 2 or 5 times a power of ten.
 fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
     let rough = (upper - lower) / wanted.max(1) as f64;
     let power = 10f64.powf(rough.log10().floor());
@@ -209,12 +200,12 @@ mod tests {
 
     #[test]
     fn round_numbers_within_the_axis() {
-        let found = ticks([-1.5, 1.5], Scale::Linear, 6);
+        let found = linear([-1.5, 1.5], 6);
         assert_eq!(labels(&found), ["-1.5", "-1.0", "-0.5", "0.0", "0.5", "1.0", "1.5"]);
-        assert_eq!(labels(&ticks([0.0, 40.0], Scale::Linear, 4)), ["0", "10", "20", "30", "40"]);
-        assert_eq!(labels(&ticks([0.0, 3e-7], Scale::Linear, 3)), ["0", "1e-7", "2e-7", "3e-7"]);
+        assert_eq!(labels(&linear([0.0, 40.0], 4)), ["0", "10", "20", "30", "40"]);
+        assert_eq!(labels(&linear([0.0, 3e-7], 3)), ["0", "1e-7", "2e-7", "3e-7"]);
         for (lower, upper) in [(0.0, 1.0), (-3.2, 17.9), (1e8, 1.1e8), (0.1, 0.100_3)] {
-            let found = ticks([lower, upper], Scale::Linear, 5);
+            let found = linear([lower, upper], 5);
             assert!((3..=8).contains(&found.len()), "{found:?}");
             let mut texts = labels(&found);
             texts.dedup();
@@ -223,12 +214,12 @@ mod tests {
         // Axes of colour bars for values of both signs.
         for most in (1..1000).map(|k| f64::from(k) * 0.01) {
             for wanted in 1..6 {
-                let found = ticks([-most, most], Scale::Linear, wanted);
+                let found = linear([-most, most], wanted);
                 assert!((2..=8).contains(&found.len()), "{most}: {found:?}");
             }
         }
         // An axis without length has no ticks, and ends.
-        assert!(ticks([1.0, 1.0], Scale::Linear, 5).len() <= 1);
+        assert!(linear([1.0, 1.0], 5).len() <= 1);
     }
 
     #[test]
@@ -246,9 +237,9 @@ mod tests {
 
     #[test]
     fn decades() {
-        let found = ticks([1e-12, 1.0], Scale::Log, 7);
+        let found = logarithmic([1e-12, 1.0], 7);
         assert_eq!(labels(&found), ["10⁻¹²", "10⁻¹⁰", "10⁻⁸", "10⁻⁶", "10⁻⁴", "10⁻²", "1"]);
-        assert_eq!(labels(&ticks([1.5, 8.0], Scale::Log, 5)), ["2", "5"]);
-        assert_eq!(labels(&ticks([0.5, 40.0], Scale::Log, 5)), ["1", "10"]);
+        assert_eq!(labels(&logarithmic([1.5, 8.0], 5)), ["2", "5"]);
+        assert_eq!(labels(&logarithmic([0.5, 40.0], 5)), ["1", "10"]);
     }
 }

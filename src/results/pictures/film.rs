@@ -16,7 +16,6 @@ use crate::results::pictures::moments::planes;
 use crate::results::pictures::phase_space::{concentrated, surface};
 use crate::results::pictures::stored::{Plane, StoredRun, StoredTime};
 
-/// The frames of a run.
 pub struct Film<'a> {
     run: &'a StoredRun,
     cut: Cut,
@@ -24,14 +23,9 @@ pub struct Film<'a> {
     /// The reason why there is no exact density, if the case names an exact solution.
     pub without_exact: Option<String>,
     scales: FrameRanges,
-    scene: JumpLines,
-}
-
-/// The places where `V` jumps, the same in all frames.
-struct JumpLines {
-    /// Faces along each axis of space.
+    /// Faces along each axis of space at which `V` jumps, the same in all frames.
     faces: Vec<Vec<f64>>,
-    /// Borders in each plane of two space axes, as pieces of lines.
+    /// Borders at which `V` jumps in each plane of two space axes, as pieces of lines.
     borders: Vec<Vec<[f64; 2]>>,
 }
 
@@ -59,12 +53,15 @@ impl<'a> Film<'a> {
             format!("there is no /{name} in result.h5; {remedy}")
         });
         let n = run.dimension();
-        let scene = JumpLines {
+        let mut film = Self {
+            run,
+            cut: cut.clone(),
+            times,
+            without_exact,
+            scales: FrameRanges::default(),
             faces: (0..n).map(|a| jumps(run, a, &cut.cells)).collect(),
             borders: planes(n).into_iter().map(|plane| borders(run, plane, &cut.cells)).collect(),
         };
-        let scales = FrameRanges::default();
-        let mut film = Self { run, cut: cut.clone(), times, without_exact, scales, scene };
         let mut scales = FrameRanges::default();
         for k in 0..film.count() {
             scales.include(&film.frame(k)?, n);
@@ -73,12 +70,10 @@ impl<'a> Film<'a> {
         Ok(film)
     }
 
-    /// The number of frames.
     pub fn count(&self) -> usize {
         self.times.len()
     }
 
-    /// The time of a frame.
     pub fn time(&self, k: usize) -> f64 {
         self.times[k].time
     }
@@ -93,10 +88,10 @@ impl<'a> Film<'a> {
         let (run, n, at) = (self.run, self.run.dimension(), self.times[k]);
         let mut panels = Vec::new();
         let mut caption = "Axes and colours are the same at all times.".to_owned();
-        if self.scene.faces.iter().any(|faces| !faces.is_empty()) {
+        if self.faces.iter().any(|faces| !faces.is_empty()) {
             caption += " Lines in grey: where V jumps.";
         }
-        for (a, faces) in self.scene.faces.iter().enumerate() {
+        for (a, faces) in self.faces.iter().enumerate() {
             panels.push(self.field(at, a)?.verticals(faces));
             caption += &note_on_ends(run, a, faces);
         }
@@ -155,7 +150,7 @@ impl<'a> Film<'a> {
         }
         let points = self.run.line(&self.run.moment(at, "density")?);
         let label = if exact { "computed" } else { "" };
-        Ok(panel.line(label, Style::of(0).plain(), points).verticals(&self.scene.faces[0]))
+        Ok(panel.line(label, Style::of(0).plain(), points).verticals(&self.faces[0]))
     }
 
     /// The density on every plane of two space axes in more than one dimension, then the exact
@@ -165,7 +160,7 @@ impl<'a> Film<'a> {
         let mut panels = Vec::new();
         let exact = self.has_exact().then_some(("exact density", "density_exact"));
         for (title, name) in [("density", "density")].into_iter().chain(exact) {
-            for (plane, border) in planes(run.dimension()).into_iter().zip(&self.scene.borders) {
+            for (plane, border) in planes(run.dimension()).into_iter().zip(&self.borders) {
                 let cells = &self.cut.cells[..run.dimension()];
                 let field = run.moment_plane(at, name, plane, cells)?;
                 let place = self.cut.at(run, plane, 0..run.dimension());

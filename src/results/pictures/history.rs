@@ -63,10 +63,7 @@ fn energies(runs: &Runs<'_>) -> FileResult<Panel> {
                 .enumerate()
                 .filter(|(_, (_, points))| points.iter().all(|point| point[1].is_finite()))
         {
-            let label = match runs.beside {
-                Some(_) => format!("{what}, {name}"),
-                None => what.to_owned(),
-            };
+            let label = runs.beside.map_or(what.to_owned(), |_| format!("{what}, {name}"));
             let style = Style::of(quantity);
             let style = if k == 0 { style } else { style.hollow().dashed(1) };
             lines.push((label, style, points));

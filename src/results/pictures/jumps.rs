@@ -9,18 +9,16 @@ use crate::results::pictures::stored::StoredRun;
 pub fn jumps(run: &StoredRun, a: usize, cut: &[usize]) -> Vec<f64> {
     let Some(potential) = potential_along(run, &[a], cut) else { return Vec::new() };
     let mut cell = cut[..run.dimension()].to_vec();
-    let mut found = Vec::new();
-    // Below the first cell there is a jump only on a periodic axis.
-    for i in 0..run.axis(a).cells {
-        cell[a] = i;
-        if potential.jump_below(&cell, a) != 0.0 {
-            found.push(i);
-        }
-    }
-    if found.first() == Some(&0) {
-        found.push(run.axis(a).cells);
-    }
     let axis = run.axis(a);
+    // Below the first cell there is a jump only on a periodic axis.
+    let is_above_jump = |i: &usize| {
+        cell[a] = *i;
+        potential.jump_below(&cell, a) != 0.0
+    };
+    let mut found: Vec<usize> = (0..axis.cells).filter(is_above_jump).collect();
+    if found.first() == Some(&0) {
+        found.push(axis.cells);
+    }
     found.into_iter().map(|i| axis.face(axis.split(i as i64).0)).collect()
 }
 

@@ -1,7 +1,6 @@
 //! Planes of a run as heat maps.
 
 use crate::base::text::short;
-use crate::results::draw::extent::smallest_and_largest;
 use crate::results::figure::palette::Style;
 use crate::results::figure::{Layer, Map, Panel, PlotAxis};
 use crate::results::pictures::stored::{Plane, StoredRun};
@@ -62,13 +61,13 @@ impl ValueSpread {
         (few && lower < -ROUND_OFF * upper).then_some(lower)
     }
 
-    /// The range of values that colours represent: from zero on if there are undershoots, else that
-    /// of [`range`] for values as large as `scale`.
+    /// The range of values that colours represent: from zero on if there are undershoots, else as
+    /// for [`range`] of values as large as `scale`.
     pub fn range(&self, scale: f64) -> Option<[f64; 2]> {
         let [lower, upper] = self.ends?;
         match self.undershoot() {
             Some(_) => Some([0.0, upper]),
-            None => range([&Plane { shape: [1, 2], values: vec![lower, upper] }], scale),
+            None => widened([lower, upper], scale),
         }
     }
 }
@@ -146,14 +145,12 @@ pub fn difference(a: &Plane, b: &Plane) -> Plane {
 /// Smallest and largest finite value. If they differ by round-off of `scale` or very little, the
 /// range is widened, so that a constant looks constant.
 pub fn range<'a>(planes: impl IntoIterator<Item = &'a Plane>, scale: f64) -> Option<[f64; 2]> {
+    ValueSpread::of(planes).ends.and_then(|ends| widened(ends, scale))
+}
+
+fn widened([lower, upper]: [f64; 2], scale: f64) -> Option<[f64; 2]> {
     /// Relative difference of values that can be distinguished.
     const SEEN: f64 = 1e-3;
-    let all = planes.into_iter().flat_map(|p| &p.values);
-    let finite = all.copied().filter(|v| v.is_finite());
-    let [lower, upper] = smallest_and_largest(finite);
-    if lower > upper {
-        return None;
-    }
     let least = (SEEN * lower.abs().max(upper.abs())).max(ROUND_OFF * scale);
     if upper - lower < least {
         let middle = 0.5 * (lower + upper);

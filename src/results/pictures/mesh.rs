@@ -12,7 +12,7 @@ const SMOOTH: usize = 128;
 /// are the cells.
 pub struct FineMesh {
     /// Elements of the axis.
-    elements: usize,
+    pub elements: usize,
     /// The weights of an element's nodes, for each of its parts.
     matrix: Vec<Vec<f64>>,
 }
@@ -66,11 +66,6 @@ impl FineMesh {
     /// Number of nodes of an element.
     pub fn nodes(&self) -> usize {
         self.matrix[0].len()
-    }
-
-    /// Number of elements of the axis.
-    pub fn elements(&self) -> usize {
-        self.elements
     }
 }
 

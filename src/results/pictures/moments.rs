@@ -132,46 +132,40 @@ pub(crate) fn planes(n: usize) -> Vec<[usize; 2]> {
     (0..n).flat_map(|a| (a + 1..n).map(move |b| [a, b])).collect()
 }
 
-/// The moment that a row of maps shows.
-#[derive(Clone, Copy)]
-struct MomentMap<'a> {
-    /// Name of the dataset.
-    name: &'a str,
-    /// Component of a vector.
-    component: Option<usize>,
-    /// The name of the moment in titles.
-    label: &'a str,
-}
-
-/// A moment on a plane; velocities are NaN in vacuum.
+/// The density on a plane, or else a component of the mean velocity, which is NaN in vacuum.
 fn moment(
     run: &StoredRun,
-    shown: MomentMap<'_>,
+    component: Option<usize>,
     whose: &str,
     plane: [usize; 2],
     at: &[usize],
 ) -> FileResult<Plane> {
-    let component = shown.component;
     let read = |name: &str, component: Option<usize>| {
         run.plane(&format!("{name}{whose}"), component.as_slice(), plane, at)
     };
-    if shown.name != "velocity" {
-        return read(shown.name, component);
-    }
     let density = read("density", None)?;
-    let mut found = read(if draws_ratio(run) { "momentum" } else { shown.name }, component)?;
-    to_velocities(run, component.unwrap_or(0), found.values.iter_mut(), &density.values);
+    let Some(a) = component else { return Ok(density) };
+    let mut found = read(if draws_ratio(run) { "momentum" } else { "velocity" }, component)?;
+    to_velocities(run, a, found.values.iter_mut(), &density.values);
     Ok(found)
 }
 
 /// A row of maps, and the lowest of the values that are drawn as zero.
 type MapRow = (Vec<Panel>, Option<f64>);
 
-/// A row of maps: exact, computed, and the difference.
-fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<MapRow> {
-    let (run, MomentMap { name, component, label }) = (runs.run, shown);
+/// A row of maps of the density, or else of a component of the mean velocity: exact, computed, and
+/// the difference.
+fn row(
+    runs: &Runs<'_>,
+    component: Option<usize>,
+    plane: [usize; 2],
+    cut: &Cut,
+) -> FileResult<MapRow> {
+    let run = runs.run;
+    let of_velocity = |a: usize| ("velocity", ["u_x", "u_y", "u_z"][a]);
+    let (name, label) = component.map_or(("density", "density"), of_velocity);
     let at = &cut.cells[..run.dimension()];
-    let read = |r: &StoredRun, whose: &str| moment(r, shown, whose, plane, at);
+    let read = |r: &StoredRun, whose: &str| moment(r, component, whose, plane, at);
     let computed = runs.each().map(|(r, _)| read(r, COMPUTED)).collect::<FileResult<Vec<_>>>()?;
     let exact = if run.has(&format!("{name}{EXACT}")) { Some(read(run, EXACT)?) } else { None };
     // Mean velocities are as large as the velocities of the box.
@@ -188,17 +182,16 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
     let show = |title: &str, field: Plane| {
         bordered(map(run, plane, format!("{title}{place}"), field, shared), &border)
     };
-    let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
     let mut panels = Vec::new();
     if let Some(exact) = &exact {
         panels.push(show(&format!("{label}, exact"), exact.clone()));
     }
-    for (field, name) in computed.iter().zip(&names).rev() {
+    for (field, name) in computed.iter().zip(&runs.names).rev() {
         panels.push(show(&format!("{label}, {name}"), field.clone()));
     }
     if let (Some(exact), Some(field)) = (&exact, computed.first()) {
         let field = difference(field, exact);
-        let title = format!("{label}, {} − exact{place}", names[0]);
+        let title = format!("{label}, {} − exact{place}", runs.names[0]);
         panels.push(bordered(difference_map(run, plane, title, field, scale), &border));
     }
     Ok((panels, lowest))
@@ -206,9 +199,8 @@ fn row(runs: &Runs<'_>, shown: MomentMap<'_>, plane: [usize; 2], cut: &Cut) -> F
 
 /// The density in more than one dimension, on every plane of two space axes.
 pub fn density(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
-    let shown = MomentMap { name: "density", component: None, label: "density" };
     let rows = (planes(runs.run.dimension()).into_iter())
-        .map(|plane| row(runs, shown, plane, cut))
+        .map(|plane| row(runs, None, plane, cut))
         .collect::<FileResult<Vec<_>>>()?;
     let (rows, lowest): (Vec<Vec<Panel>>, Vec<Option<f64>>) = rows.into_iter().unzip();
     let lowest = lowest.into_iter().flatten().reduce(f64::min);
@@ -223,11 +215,7 @@ pub fn velocity(runs: &Runs<'_>, cut: &Cut) -> FileResult<Figure> {
     let mut rows = planes(n)
         .into_iter()
         .flat_map(|plane| (0..n).map(move |component| (plane, component)))
-        .map(|(plane, component)| {
-            let label = ["u_x", "u_y", "u_z"][component];
-            let shown = MomentMap { name: "velocity", component: Some(component), label };
-            row(runs, shown, plane, cut).map(|(panels, _)| panels)
-        })
+        .map(|(plane, component)| row(runs, Some(component), plane, cut).map(|(panels, _)| panels))
         .collect::<FileResult<Vec<_>>>()?;
     share_signed_colours(&mut rows);
     let caption = "Momentum over density; grey in vacuum.";

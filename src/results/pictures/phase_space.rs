@@ -87,20 +87,19 @@ fn fields(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<(Vec<Pane
     let show = |title: String, field: &Plane| map(run, plane, title, field.clone(), shared);
     let difference_map =
         |title: String, field: Plane| difference_map(run, plane, title, field, scale);
-    let names: Vec<&str> = runs.each().map(|(_, name)| name).collect();
     let mut panels = Vec::new();
     panels.extend(exact.iter().map(|e| show("exact".to_owned(), e)));
     // The second run comes first, as the reference does in the paper.
-    for (field, name) in computed.iter().zip(&names).rev() {
-        panels.push(show((*name).to_owned(), field));
+    for (field, name) in computed.iter().zip(&runs.names).rev() {
+        panels.push(show(name.clone(), field));
     }
     if let Some(exact) = &exact {
-        for (field, name) in computed.iter().zip(&names).rev() {
+        for (field, name) in computed.iter().zip(&runs.names).rev() {
             panels.push(difference_map(format!("{name} − exact"), difference(field, exact)));
         }
     }
     if let [field, other] = &computed[..] {
-        let title = format!("{} − {}", names[0], names[1]);
+        let title = format!("{} − {}", runs.names[0], runs.names[1]);
         panels.push(difference_map(title, difference(field, other)));
     }
     Ok((panels, spread.undershoot()))

@@ -228,7 +228,6 @@ pub fn plateau(run: &StoredRun) -> FileResult<Option<Figure>> {
     let (p, distance, norm) = (column("p")?, column("distance")?, column("norm")?);
     let over =
         |values: &[f64]| -> Vec<[f64; 2]> { p.iter().zip(values).map(|(p, v)| [*p, *v]).collect() };
-    let tolerance = run.plan["tolerance"].as_f64();
     let point = run.plan["warp"]["readings"][0]["point"].as_f64();
     let mut distances = over(&distance);
     // The distance at p◇ itself is round-off.
@@ -250,11 +249,10 @@ pub fn plateau(run: &StoredRun) -> FileResult<Option<Figure>> {
     if let Some(point) = point {
         panels = panels.map(|panel| panel.vertical("p◇", point));
     }
-    let [first, second] = panels;
-    let first = match tolerance {
-        Some(tolerance) => first.horizontal("tolerance", tolerance),
-        None => first,
-    };
+    let [mut first, second] = panels;
+    if let Some(tolerance) = run.plan["tolerance"].as_f64() {
+        first = first.horizontal("tolerance", tolerance);
+    }
     let caption = "The field read at p instead of p◇: flat where e^p w(T, p) is the field. At p◇ \
                    itself there is no distance.";
     Ok(Some(Figure::new("Plateau", vec![first, second]).caption(caption)))

@@ -11,7 +11,7 @@ use crate::results::figure;
 use crate::results::pictures::mesh::{self, FineMesh, values_on_parts};
 use crate::results::readback::{PIECE, StoredCase, number_attribute, read_text, text_attribute};
 use crate::results::{FileResult, summary};
-use hdf5::{Dataset, File, Location};
+use hdf5::{Dataset, File};
 use serde::Deserialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -58,10 +58,7 @@ pub struct StoredTime {
 impl StoredTime {
     /// The dataset that has the field or the moment `name` at this time.
     fn dataset(&self, name: &str) -> String {
-        match self.early {
-            Some(_) => format!("history/{name}"),
-            None => name.to_owned(),
-        }
+        if self.early.is_some() { format!("history/{name}") } else { name.to_owned() }
     }
 }
 
@@ -83,9 +80,9 @@ impl StoredRun {
         let file = File::open(directory.join(RESULT)).map_err(reason)?;
         let mut provenance = BTreeMap::new();
         for name in file.attr_names().map_err(reason)? {
-            if let Ok(value) = attribute(&file, &name) {
-                provenance.insert(name, value);
-            }
+            let number = |_| number_attribute(&file, &name).map(|x| x.to_string());
+            let value = text_attribute(&file, &name).or_else(number);
+            provenance.extend(value.ok().map(|value| (name, value)));
         }
         let time = number_attribute(&file, "time").map_err(reason)?;
         let stored = StoredCase::read_leniently(&file).map_err(reason)?;
@@ -104,14 +101,9 @@ impl StoredRun {
         let plan = serde_json::from_str(&plan).map_err(|e| format!("/plan: {e}"))?;
         let summary = summary::read(directory).map_err(|e| e.to_string());
         let steps = summary.as_ref().ok().map(|s| &s["seconds"]);
-        let seconds = match steps.and_then(|s| BTreeMap::deserialize(s).ok()) {
-            Some(seconds) => seconds,
-            None => timings(&file).map_err(reason)?,
-        };
-        let space = match &case {
-            Ok(case) => case.space.clone(),
-            Err(_) => found,
-        };
+        let of_summary = steps.and_then(|s| BTreeMap::deserialize(s).ok());
+        let seconds = of_summary.map_or_else(|| timings(&file), Ok).map_err(reason)?;
+        let space = case.as_ref().map_or(found, |case| case.space.clone());
         Ok(Self {
             directory: directory.to_owned(),
             space,
@@ -296,7 +288,7 @@ impl StoredRun {
         let mut values = Vec::with_capacity(shape[0] * shape[1]);
         // Number of lines of the map that fit into a piece, at least one.
         let (ends, column) = (ends(fine[0], shape[0]), ends(fine[1], shape[1]));
-        let parts = fine[0] / meshes[0].elements();
+        let parts = fine[0] / meshes[0].elements;
         let together = (PIECE * shape[0] / (lengths[0] * lengths[1]).max(1)).max(1);
         for lines in ends.chunks(together) {
             let (Some(lowest), Some(highest)) = (lines.first(), lines.last()) else { continue };
@@ -458,18 +450,8 @@ fn timings(file: &File) -> hdf5::Result<BTreeMap<String, f64>> {
         return Ok(BTreeMap::new());
     }
     let timings = file.group("timings")?;
-    let names = timings.attr_names()?;
-    (names.into_iter())
-        .map(|name| {
-            let seconds = number_attribute(&timings, &name)?;
-            Ok((name, seconds))
-        })
-        .collect()
-}
-
-/// An attribute as text; it may be a text or a number.
-fn attribute(at: &Location, name: &str) -> hdf5::Result<String> {
-    text_attribute(at, name).or_else(|_| number_attribute(at, name).map(|x| x.to_string()))
+    let names = timings.attr_names()?.into_iter();
+    names.map(|name| Ok((name.clone(), number_attribute(&timings, &name)?))).collect()
 }
 
 #[cfg(test)]

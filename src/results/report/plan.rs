@@ -98,10 +98,7 @@ fn work(rows: &mut ReportRows, plan: &Value) {
     let method = word(&plan["propagation"]["method"]);
     rows.text("propagator", method.map(|method| with_spaces(&method) + &step));
     let solves = warp["solves"].as_f64().filter(|s| *s > 0.0);
-    let unit = match solves {
-        Some(_) => "solves",
-        None => "applications of the matrix",
-    };
+    let unit = if solves.is_some() { "solves" } else { "applications of the matrix" };
     let each = warp["work"].as_array().into_iter().flatten();
     let each: Vec<f64> = each.filter_map(Value::as_f64).collect();
     let least = each.iter().copied().reduce(f64::min);

@@ -1,6 +1,6 @@
 //! Whether a result can be trusted: the first section of the page.
 
-use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, percent, sentence, short};
+use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, counted, percent, sentence, short};
 use crate::results::accuracy::Accuracy;
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
@@ -9,7 +9,6 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
 
-/// The mark of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mark {
     /// The finding is as it should be.
@@ -43,7 +42,6 @@ pub struct Judgement {
 }
 
 impl Judgement {
-    /// The judgement in a summary.
     pub fn of(summary: &Value) -> Self {
         Self {
             accuracy: Accuracy::deserialize(&summary["accuracy"]).ok(),
@@ -62,28 +60,24 @@ impl Judgement {
 /// The findings on the error of the algorithm, that of the grid, and mass and energy, with a
 /// verdict as heading.
 pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup {
-    let Judgement { accuracy, missed, continued, .. } = judgement;
     let findings = [
-        if classical {
-            steps(summary)
-        } else {
-            algorithm(summary, accuracy.as_ref(), missed.as_ref())
-        },
-        grid(accuracy.as_ref(), missed.as_ref(), continued.as_ref()),
+        if classical { steps(summary) } else { algorithm(summary, judgement) },
+        grid(judgement),
         conservation(judgement.whole_ledger()),
     ];
     let marks = findings.each_ref().map(|finding| finding.mark);
-    let has_goal = accuracy.as_ref().is_some_and(|accuracy| accuracy.goal.is_some());
+    let has_goal = judgement.accuracy.as_ref().is_some_and(|accuracy| accuracy.goal.is_some());
     let (class, verdict) = verdict(marks, has_goal);
     html! {
         section id="trust" class={ "trust " (class) } {
             h2 { (verdict) }
             dl {
                 @for finding in &findings {
-                    div class=(finding.mark.class()) {
+                    @let [class, sign] = finding.mark.class_and_sign();
+                    div class=(class) {
                         dt { (finding.what) }
                         dd {
-                            strong { (finding.mark.sign()) " " (Text(&finding.value)) }
+                            strong { (sign) " " (Text(&finding.value)) }
                             " " (Text(&finding.text))
                         }
                     }
@@ -94,21 +88,12 @@ pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup 
 }
 
 impl Mark {
-    /// Class of the mark in the style sheet.
-    fn class(self) -> &'static str {
+    /// Class in the style sheet, and a sign that can be distinguished without colours.
+    fn class_and_sign(self) -> [&'static str; 2] {
         match self {
-            Self::Good => "good",
-            Self::Bad => "bad",
-            Self::Unknown => "unknown",
-        }
-    }
-
-    /// A sign that can be distinguished without colours.
-    fn sign(self) -> &'static str {
-        match self {
-            Self::Good => "✓",
-            Self::Bad => "✗",
-            Self::Unknown => "?",
+            Self::Good => ["good", "✓"],
+            Self::Bad => ["bad", "✗"],
+            Self::Unknown => ["unknown", "?"],
         }
     }
 }
@@ -147,11 +132,8 @@ fn steps(summary: &Value) -> Finding {
 }
 
 /// The finding on the distance to the exact solution of the scheme's equations.
-fn algorithm(
-    summary: &Value,
-    accuracy: Option<&Accuracy>,
-    missed: Option<&MissedGoals>,
-) -> Finding {
+fn algorithm(summary: &Value, judgement: &Judgement) -> Finding {
+    let (accuracy, missed) = (judgement.accuracy.as_ref(), judgement.missed.as_ref());
     let what = sentence(ALGORITHM_ERROR);
     let own = ["error_semidiscrete", "error_estimate"].map(|key| summary[key].as_f64());
     if let Some(missed) = missed.and_then(|missed| missed.tolerance.as_ref()) {
@@ -185,11 +167,8 @@ fn algorithm(
 }
 
 /// The finding on the distance between the solutions of the scheme's equations and of the problem.
-fn grid(
-    accuracy: Option<&Accuracy>,
-    missed: Option<&MissedGoals>,
-    continued: Option<&ContinuedResult>,
-) -> Finding {
+fn grid(judgement: &Judgement) -> Finding {
+    let (accuracy, missed) = (judgement.accuracy.as_ref(), judgement.missed.as_ref());
     let known = accuracy.and_then(|accuracy| Some((accuracy, accuracy.errors_of_grid()?)));
     let Some((accuracy, errors)) = known else {
         let why = accuracy.and_then(|accuracy| accuracy.unknown.clone());
@@ -207,7 +186,7 @@ fn grid(
     let how = if accuracy.grid_measured { "measured" } else { "estimated" };
     let mut text = format!("relative L2, {how}");
     let goal_missed = missed.and_then(|missed| missed.accuracy.as_deref());
-    let mark = mark_of_grid(&mut text, accuracy, goal_missed, continued);
+    let mark = mark_of_grid(&mut text, accuracy, goal_missed, judgement.continued.as_ref());
     if mark == Mark::Good && accuracy.under_resolved {
         text += "; UNDER-RESOLVED, as the error of the algorithm is far smaller";
     }
@@ -272,15 +251,11 @@ fn conservation(ledger: Option<&Ledger>) -> Finding {
     let warnings = ledger.doubts();
     let (mark, value) = match warnings.len() {
         0 => (Mark::Good, "no warning".to_owned()),
-        1 => (Mark::Bad, "1 warning".to_owned()),
-        many => (Mark::Bad, format!("{many} warnings")),
+        count => (Mark::Bad, counted(count, "warning", "warnings")),
     };
     let lost = || Some(percent((ledger.mass.lost? / ledger.mass.absolute?).abs()));
-    let text = match warnings.into_iter().next() {
-        Some(first) => first,
-        None => lost()
-            .map_or(String::new(), |share| format!("{share} of the mass left the box or is lost")),
-    };
+    let share = |share: String| format!("{share} of the mass left the box or is lost");
+    let text = warnings.into_iter().next().or_else(|| lost().map(share)).unwrap_or_default();
     Finding { what, mark, value, text }
 }
 
@@ -347,7 +322,8 @@ mod tests {
             let measured = GridErrorPair { field: Some(error), density: None };
             let accuracy = accuracy.with_grid(measured, GridErrorPair::default());
             let missed = MissedGoals { accuracy: sentence.map(str::to_owned), tolerance: None };
-            let found = grid(Some(&accuracy), Some(&missed), None);
+            let (accuracy, missed) = (Some(accuracy), Some(missed));
+            let found = grid(&Judgement { accuracy, missed, ledger: None, continued: None });
             assert_eq!(found.mark, mark, "{}", found.text);
             assert!(found.text.contains(words), "{}", found.text);
         }
@@ -366,7 +342,7 @@ mod tests {
             "tolerance": 1e-6, "accuracy": accuracy, "missed": MissedGoals::default(),
             "continued": { "error_inherited": 2e-3 },
         });
-        let found = algorithm(&summary, Some(&accuracy), Some(&MissedGoals::default()));
+        let found = algorithm(&summary, &Judgement::of(&summary));
         assert_eq!(found.mark, Mark::Bad);
         assert!(found.text.contains("0.002 of it inherited"), "{}", found.text);
     }

@@ -17,7 +17,6 @@ use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::transform::Transform;
 use crate::solve::rank_modes::RankModes;
 use hdf5::{Dataset, File};
-use num_complex::Complex64;
 use std::path::{Path, PathBuf};
 
 /// Largest difference of a point of a file's axis from that of the case, relative to the axis, as
@@ -120,26 +119,6 @@ impl Flatness {
     }
 }
 
-/// Values of the trigonometric interpolant between the points of a file.
-struct MidpointValues {
-    transform: Transform,
-    line: Vec<f64>,
-}
-
-impl MidpointValues {
-    fn new(series: &Series, interval: [f64; 2], points: usize) -> Self {
-        let half = 0.5 * (interval[1] - interval[0]) / points as f64;
-        let transform = Transform::new(series, interval[0] + half);
-        Self { transform, line: vec![0.0; points] }
-    }
-
-    /// Values half a step after each point, from the modes of a cell.
-    fn values(&mut self, modes: &[Complex64], scale: f64) -> &[f64] {
-        self.transform.to_values(modes, scale, &mut self.line);
-        &self.line
-    }
-}
-
 /// A file with a warped field, and its points in `p`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpedFile {
@@ -202,7 +181,10 @@ impl WarpedFile {
         let mut transform = Transform::new(series, self.interval[0]);
         spread.fits(kept, &transform);
         assert_eq!(shape.last(), Some(&transform.points()), "the file's points");
-        let mut between = MidpointValues::new(series, self.interval, transform.points());
+        // Values of the trigonometric interpolant half a step after each point.
+        let half = 0.5 * (self.interval[1] - self.interval[0]) / transform.points() as f64;
+        let mut to_middles = Transform::new(series, self.interval[0] + half);
+        let mut between = vec![0.0; transform.points()];
         let mut transpose = spread.transpose(&transform);
         let mut all = spread.modes_of_a_round(&transform);
         let (modes, points, rows) = (transform.modes(), transform.points(), kept.rows());
@@ -227,7 +209,8 @@ impl WarpedFile {
             for (cell, (modes, values)) in own.zip(lines) {
                 let weight = spread.pi[cell].sqrt();
                 transform.to_modes(values, weight, modes);
-                flatness.add(values, between.values(modes, 1.0 / weight));
+                to_middles.to_values(modes, 1.0 / weight, &mut between);
+                flatness.add(values, &between);
             }
             transpose.to_modes(&all, cells, kept.values_mut(), rows);
             Ok(())
@@ -330,23 +313,23 @@ fn period(p: &[f64], points: usize) -> FileResult<([f64; 2], usize)> {
     if points < 2 || !points.is_multiple_of(2) {
         return Err(format!("/w has {points} points in p; an even number expected"));
     }
-    let step = (p[points - 1] - p[0]) / (points - 1) as f64;
+    let [first, last] = [p[0], p[points - 1]];
+    let step = (last - first) / (points - 1) as f64;
     let uneven = "/axis/p is not ascending in equal steps";
     if !(step > 0.0 && step.is_finite()) {
-        return Err(format!("{uneven}: from {} to {}", p[0], p[points - 1]));
+        return Err(format!("{uneven}: from {first} to {last}"));
     }
-    if p[0].abs().max(p[points - 1].abs()) > LARGEST_FILE_POINT {
-        let [first, last] = [p[0], p[points - 1]];
+    if first.abs().max(last.abs()) > LARGEST_FILE_POINT {
         return Err(format!(
             "/axis/p goes from {first:e} to {last:e}; at most {LARGEST_FILE_POINT:e} is read"
         ));
     }
-    let even: Vec<f64> = (0..points).map(|j| p[0] + step * j as f64).collect();
+    let even: Vec<f64> = (0..points).map(|j| first + step * j as f64).collect();
     let ((off, j), most) = (furthest(p, &even), allowed(step, points));
     if off > most {
         return Err(format!(
             "{uneven}: point {j} is off by {off:.1e}, at most {most:.1e} is allowed"
         ));
     }
-    Ok(([p[0], p[0] + step * points as f64], points))
+    Ok(([first, first + step * points as f64], points))
 }
