@@ -198,23 +198,27 @@ impl Plan {
         refuse_fast_inflow(case)?;
         let warp = match case.method {
             Method::Schrodingerized => Some(WarpPlan::new(case, &bounds, ratio)?),
-            Method::Classical if bounds.rate * case.duration() > LONGEST_SPAN * LONGEST_SPAN => {
-                return Err(Error::TooLong {
-                    end: case.end,
-                    rate: bounds.rate,
-                    quantity: "that rate is",
-                    span: bounds.rate * case.duration(),
-                    limit: LONGEST_SPAN * LONGEST_SPAN,
-                });
+            Method::Classical => {
+                let (rate, span) = (bounds.rate, bounds.rate * case.duration());
+                let (end, limit) = (case.end, LONGEST_SPAN * LONGEST_SPAN);
+                if span > limit {
+                    return Err(Error::TooLong {
+                        end,
+                        rate,
+                        quantity: "that rate is",
+                        span,
+                        limit,
+                    });
+                }
+                None
             }
-            Method::Classical => None,
         };
-        let steps: Vec<usize> =
-            (case.legs().iter()).map(|&leg| propagate::steps(&case.propagator, leg)).collect();
-        let longest = (case.legs().iter().zip(&steps))
-            .map(|(leg, &steps)| leg / steps as f64)
-            .fold(0.0, f64::max);
-        let steps = steps.iter().sum();
+        let (mut steps, mut longest) = (0, 0.0f64);
+        for leg in case.legs() {
+            let of_leg = propagate::steps(&case.propagator, leg);
+            longest = longest.max(leg / of_leg as f64);
+            steps += of_leg;
+        }
         let work = PlannedWork { case, bounds: &bounds, warp: warp.as_ref() };
         let layout = Layout::new(work, resources)?;
         Ok(Self {
