@@ -81,7 +81,7 @@ impl MeasuredSpectra {
         for ((case, ProvisionalPlan { bounds, plan }), &refinement) in
             grids.iter().zip(&plans).zip(refine)
         {
-            let grows = law_of(case.interface).may_grow();
+            let may_grow = bounds.jumps && law_of(case.interface).may_grow();
             let systems = match (case.enters(), case.varies()) {
                 (false, _) => vec![(MeasuredSystem::Closed, case.clone())],
                 // If inflow depends on time, so does the spectrum of the augmented system.
@@ -93,10 +93,7 @@ impl MeasuredSpectra {
                     ]
                 }
             };
-            for weighted in [false, true] {
-                if weighted && !(bounds.jumps && grows) {
-                    continue;
-                }
+            for weighted in [false, true].into_iter().filter(|weighted| may_grow || !weighted) {
                 let bounds = Bounds { weighted, ..bounds.clone() };
                 for (system, case) in &systems {
                     let measured = SystemOnGrid { refinement, system: *system, case };
