@@ -30,13 +30,12 @@ use crate::base::error::{Error, Result};
 use crate::base::random::evenly_spread;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
-use crate::problem::grid::PhaseSpace;
-use crate::problem::grid::for_each_cell;
+use crate::problem::grid::{PhaseSpace, for_each_cell};
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{
-    assembled, grid_notes, growth, refuse_elements, with_potential_times,
+    assembled, extremes, grid_notes, refuse_elements, with_potential_times,
 };
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
@@ -168,7 +167,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         let mut found = assembled(world, &scaled)?;
         Ok(CurvePoint {
             x: factor * height,
-            measured: growth(&mut found)? * case.duration(),
+            measured: extremes(&mut found)?.highest.value * case.duration(),
             theory: expected_growth(&scaled)?.unwrap_or(f64::NAN) * case.duration(),
         })
     };

@@ -62,12 +62,11 @@ struct ImplicitSteps {
 
 impl ImplicitSteps {
     /// Tries `method` with ever shorter steps. Collective.
-    fn measure(
-        task: &PanelTask<'_>,
-        case: &Case,
-        name: &'static str,
-        method: PropagatorMethod,
-    ) -> Self {
+    fn measure(task: &PanelTask<'_>, case: &Case, method: PropagatorMethod) -> Self {
+        let name = match method {
+            PropagatorMethod::BackwardEuler => "backward Euler",
+            _ => "Crank-Nicolson",
+        };
         let mut found = Self { name, method, points: Vec::new(), refused: None, most_steps: None };
         for steps in (FEWEST..=MOST).map(|power| 1u32 << power) {
             let mut case = case.clone();
@@ -135,14 +134,6 @@ impl ImplicitSteps {
     }
 }
 
-/// The name of an implicit propagator.
-fn name(method: PropagatorMethod) -> &'static str {
-    match method {
-        PropagatorMethod::BackwardEuler => "backward Euler",
-        _ => "Crank-Nicolson",
-    }
-}
-
 /// Measures the panel. Collective.
 ///
 /// # Errors
@@ -157,10 +148,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     (case.tolerance, case.verify) = (TOLERANCE, true);
     plan_series(&mut case.warp);
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
-    let all: Vec<ImplicitSteps> = IMPLICIT_PROPAGATORS
-        .into_iter()
-        .map(|method| ImplicitSteps::measure(task, &case, name(method), method))
-        .collect();
+    let all = IMPLICIT_PROPAGATORS.map(|method| ImplicitSteps::measure(task, &case, method));
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
     if all.iter().all(|steps| steps.points.is_empty()) {
         let none = || "no step could be tried within the budget".to_owned();

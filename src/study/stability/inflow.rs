@@ -13,7 +13,7 @@ use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Delta};
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
-use crate::study::stability::cases::{assembled, grid_notes, growth};
+use crate::study::stability::cases::{assembled, extremes, grid_notes};
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
 };
@@ -44,7 +44,7 @@ impl InflowLoss {
     /// The loss of a matrix at time `end`. Collective.
     fn of(found: &mut Prepared, end: f64) -> Result<Self> {
         let ratio = found.probe();
-        let exponent = growth(found)? * end;
+        let exponent = extremes(found)?.highest.value * end;
         let matrix = &found.system.matrix;
         let block = |aux: &AuxiliaryRow| {
             let row = aux.row as usize;

@@ -13,7 +13,7 @@ use crate::study::stability::panel::{
     Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
 };
 use crate::study::stability::reading::{
-    SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
+    SpectrumExtent, THRESHOLD, expected, plateau, refuse_varying, switched_gaussian,
 };
 use crate::study::stability::reference::ReferenceProblem;
 
@@ -59,7 +59,7 @@ impl IntervalTrials {
     fn new(task: &PanelTask<'_>, case: &Case) -> Result<Self> {
         let mut reference = ReferenceProblem::new(task.world, case)?;
         let extent = SpectrumExtent::measured(&mut reference, case.duration())?;
-        let SwitchedGaussian { profile, room } = SwitchedGaussian::new();
+        let (profile, room) = switched_gaussian();
         Ok(Self {
             reference,
             extent,
