@@ -49,17 +49,11 @@ pub enum Evidence {
     Extrapolated,
 }
 
-/// A scheme, and the grid that was found for it.
-pub(super) struct SchemeWithGrid {
+/// The coarsest grid on which a scheme reaches the accuracy.
+#[derive(Clone, Debug)]
+pub struct ReachedGrid {
     /// The scheme.
     pub scheme: SchemeChoice,
-    /// The grid of the scheme.
-    pub reached: ReachedGrid,
-}
-
-/// The coarsest grid on which a scheme reaches the accuracy.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ReachedGrid {
     /// Elements along each axis.
     pub shape: Vec<usize>,
     /// Relative L1 error of the density on it.
@@ -69,7 +63,6 @@ pub struct ReachedGrid {
     /// The order that `grids` show.
     pub order: Order,
     /// The sequence of grids.
-    #[serde(rename = "levels")]
     pub grids: Vec<MeasuredGrid>,
     /// The part of the error that is due to space, between 0 and 1; the rest is due to velocity. It
     /// follows from the changes on two grids, one twice as fine in space and one in velocity. None
@@ -170,28 +163,23 @@ impl ErrorSequence {
 
     fn grids(&self) -> Vec<MeasuredGrid> {
         let order = self.order();
-        let error = |(k, &e): (usize, &f64)| {
-            if self.exact {
-                e
-            } else {
-                order.error(e).max(self.to_finest.get(k).copied().unwrap_or(0.0))
-            }
+        let grid = |(k, (shape, &found)): (usize, (&Vec<usize>, &f64))| {
+            let to_finest = self.to_finest.get(k).copied().unwrap_or(0.0);
+            let error = if self.exact { found } else { order.error(found).max(to_finest) };
+            MeasuredGrid { shape: shape.clone(), error }
         };
-        let errors = self.found.iter().enumerate().map(error);
-        (self.shapes.iter().zip(errors))
-            .map(|(shape, error)| MeasuredGrid { shape: shape.clone(), error })
-            .collect()
+        self.shapes.iter().zip(&self.found).enumerate().map(grid).collect()
     }
 }
 
 /// The grid after those that were tried, in the sequence of `reached`. Without an exact solution,
 /// the error of a grid takes a trial on the one after it.
-pub fn next_grid(trials: &Trials<'_>, scheme: SchemeChoice, reached: &ReachedGrid) -> Vec<usize> {
-    let grids = &trials.degree_case(scheme).grids;
+pub fn next_grid(trials: &Trials<'_>, reached: &ReachedGrid) -> Vec<usize> {
+    let grids = &trials.degree_case(reached.scheme).grids;
+    let twice = |shape: &[usize]| grids.doubled(shape, AxisGroup::All);
     match reached.grids.last() {
-        Some(last) if trials.has_exact() => grids.doubled(&last.shape, AxisGroup::All),
-        Some(last) => grids.doubled(&grids.doubled(&last.shape, AxisGroup::All), AxisGroup::All),
-        None => grids.doubled(&reached.shape, AxisGroup::All),
+        Some(last) if !trials.has_exact() => twice(&twice(&last.shape)),
+        last => twice(last.map_or(&reached.shape, |last| &last.shape)),
     }
 }
 
@@ -272,6 +260,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         };
         let sequence = self.sequence_from(first)?;
         let mut result = ReachedGrid {
+            scheme,
             shape: sequence.shapes[0].clone(),
             error: f64::NAN,
             known: Evidence::Extrapolated,
@@ -317,7 +306,9 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// As [`Trials::run`].
     pub fn near(mut self, known: &ReachedGrid) -> Result<Option<ReachedGrid>> {
         let Some(found) = self.error_on(&known.shape, &known.order)? else { return Ok(None) };
-        let mut result = ReachedGrid { error: found.error, known: found.known, ..known.clone() };
+        let scheme = self.goal.scheme;
+        let mut result =
+            ReachedGrid { scheme, error: found.error, known: found.known, ..known.clone() };
         if found.error > self.wanted {
             let tried = MeasuredGrid { shape: known.shape.clone(), error: found.error };
             self.beyond(&tried, &mut result)?;

@@ -2,9 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Limiter, Method};
-use crate::study::advise::grid_search::{
-    DISCRETISATION, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid,
-};
+use crate::study::advise::grid_search::{DISCRETISATION, Evidence, Goal, GridSearch, ReachedGrid};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::setups::SkippedSetup;
 use crate::study::advise::{ROUND_OFF, Study};
@@ -27,6 +25,12 @@ enum SearchResult {
     BudgetTooSmall(Vec<usize>),
     /// A trial failed.
     Failed(Error),
+}
+
+impl From<Result<ReachedGrid>> for SearchResult {
+    fn from(found: Result<ReachedGrid>) -> Self {
+        found.map_or_else(Self::Failed, Self::Found)
+    }
 }
 
 /// A scheme, and the result of the search for its grid.
@@ -87,7 +91,7 @@ impl Study<'_> {
     ///
     /// # Errors
     /// The last one, if no scheme could be tried.
-    pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<SchemeWithGrid>> {
+    pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<ReachedGrid>> {
         let schemes = self.schemes();
         let first = self.start(schemes[0]);
         // The first scheme is tried even if the budget holds it only roughly.
@@ -104,7 +108,7 @@ impl Study<'_> {
             // Each scheme has an equal share of the budget for grids.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
             let tried = match k {
-                0 => self.search_grid_from(scheme, &first, share),
+                0 => self.coarsest(scheme, &first, true, share).into(),
                 _ => self.search_grid(scheme, share)?,
             };
             found.push(SearchedScheme { scheme, tried });
@@ -121,7 +125,7 @@ impl Study<'_> {
         if found.iter().any(|s| by_modes(&s.scheme) && !self.misses_accuracy(&s.tried)) {
             return Ok(());
         }
-        found.sort_by(|a, b| self.expected_unknowns(a).total_cmp(&self.expected_unknowns(b)));
+        found.sort_by(|a, b| Self::expected_unknowns(a).total_cmp(&Self::expected_unknowns(b)));
         for SearchedScheme { scheme, tried } in found {
             if !by_modes(scheme) || matches!(tried, SearchResult::Failed(_)) {
                 continue;
@@ -142,12 +146,12 @@ impl Study<'_> {
     ///
     /// # Errors
     /// The last error, if there is no grid at all.
-    fn reached_grids(&mut self, found: Vec<SearchedScheme>) -> Result<Vec<SchemeWithGrid>> {
+    fn reached_grids(&mut self, found: Vec<SearchedScheme>) -> Result<Vec<ReachedGrid>> {
         let (mut grids, mut failure, schemes) = (Vec::new(), None, found.len());
         for SearchedScheme { scheme, tried } in found {
             let name = self.name(Method::Classical, scheme);
             match tried {
-                SearchResult::Found(reached) => grids.push(SchemeWithGrid { scheme, reached }),
+                SearchResult::Found(reached) => grids.push(reached),
                 SearchResult::BudgetTooSmall(start) => {
                     let grid = shape_text(&start);
                     // Each scheme has at least an equal share.
@@ -177,48 +181,38 @@ impl Study<'_> {
     fn search_grid(&mut self, scheme: SchemeChoice, share: f64) -> Result<SearchResult> {
         let start = self.start(scheme);
         if self.trials.affords(scheme, &start, share)? {
-            Ok(self.search_grid_from(scheme, &start, share))
+            Ok(self.coarsest(scheme, &start, true, share).into())
         } else {
             Ok(SearchResult::BudgetTooSmall(start))
         }
     }
 
-    /// Searches a grid as [`search_grid`](Self::search_grid) does, but from the grid `start` on.
-    /// Collective.
-    fn search_grid_from(
+    /// The coarsest grid of `scheme` that reaches the accuracy, searched from the grid `start` on
+    /// up to this part of the budget; axes are balanced first if `balance`. Collective.
+    pub(super) fn coarsest(
         &mut self,
         scheme: SchemeChoice,
         start: &[usize],
+        balance: bool,
         share: f64,
-    ) -> SearchResult {
+    ) -> Result<ReachedGrid> {
         let own = self.trials.degree_case(scheme).base.space.elements();
         let accuracy = self.request.accuracy;
-        let goal = Goal { scheme, start, balance: true, own: &own, accuracy, share };
-        match GridSearch::new(&mut self.trials, goal).coarsest() {
-            Ok(reached) => SearchResult::Found(reached),
-            Err(error) => SearchResult::Failed(error),
-        }
+        let goal = Goal { scheme, start, balance, own: &own, accuracy, share };
+        GridSearch::new(&mut self.trials, goal).coarsest()
     }
 
     /// Unknowns of the grid that is expected to reach the accuracy.
-    fn expected_unknowns(&self, searched: &SearchedScheme) -> f64 {
-        match &searched.tried {
-            SearchResult::Found(reached) => {
-                let nodes = (searched.scheme.degree + 1) as f64;
-                cells(&reached.shape) * nodes.powi(reached.shape.len() as i32)
-            }
-            _ => f64::INFINITY,
-        }
+    fn expected_unknowns(searched: &SearchedScheme) -> f64 {
+        let SearchResult::Found(reached) = &searched.tried else { return f64::INFINITY };
+        let nodes = (searched.scheme.degree + 1) as f64;
+        cells(&reached.shape) * nodes.powi(reached.shape.len() as i32)
     }
 
     /// Whether no grid that was tried reaches the accuracy.
     fn misses_accuracy(&self, tried: &SearchResult) -> bool {
-        match tried {
-            SearchResult::Found(reached) => {
-                let wanted = DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
-                reached.known == Evidence::Extrapolated || reached.error > wanted
-            }
-            SearchResult::BudgetTooSmall(_) | SearchResult::Failed(_) => true,
-        }
+        let SearchResult::Found(reached) = tried else { return true };
+        let wanted = DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
+        reached.known == Evidence::Extrapolated || reached.error > wanted
     }
 }

@@ -4,10 +4,10 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::run::planning;
+use crate::run::{Solution, planning};
 use crate::study::budget::Budget;
 use crate::study::cost::planned_updates;
-use crate::study::trial::{Trial, trial};
+use crate::study::trial::trial;
 use serde::Serialize;
 
 /// The task of measuring a panel.
@@ -57,7 +57,7 @@ impl PanelTask<'_> {
     ///
     /// # Errors
     /// As [`planning::plan`] and [`trial`].
-    pub fn trial(&self, case: &Case) -> Option<Result<Trial>> {
+    pub fn trial(&self, case: &Case) -> Option<Result<Solution>> {
         if self.budget.is_over() {
             return None;
         }

@@ -5,7 +5,7 @@ use crate::matrix::bounds::Bounds;
 use crate::plan::ASSUMED_RATIO;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, PropagatorMethod};
-use crate::run::planning;
+use crate::run::{Solution, planning};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::choices::PROFILES;
 use crate::study::grids::coarsened;
@@ -13,7 +13,7 @@ use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
 };
-use crate::study::trial::{Trial, plan_series, propagation};
+use crate::study::trial::{plan_series, propagation};
 
 /// Largest number of cells.
 const CELLS: usize = 1024;
@@ -103,7 +103,7 @@ impl ToleranceErrors {
 }
 
 /// A trial of `case`; none if the budget does not hold it. Collective.
-fn trial_within(task: &PanelTask<'_>, case: &Case) -> Result<Option<Result<Trial>>> {
+fn trial_within(task: &PanelTask<'_>, case: &Case) -> Result<Option<Result<Solution>>> {
     // With more modes even the plan takes too long.
     let modes = WarpPlan::modes_of(case, &Bounds::new(case)?, ASSUMED_RATIO);
     Ok(if modes.is_ok_and(|modes| modes > MOST_MODES) { None } else { task.trial(case) })
