@@ -5,7 +5,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
-use crate::problem::case::{Case, Delta};
+use crate::problem::case::Case;
 use crate::quantum::optimise::candidate::{CostedChoice, System};
 use crate::quantum::optimise::pricing::{PLANNED, planned_state};
 use crate::quantum::optimise::ranking::Ranking;
@@ -17,6 +17,7 @@ use crate::quantum::resources::{ResourceCounts, SetupComparison, UnitaryCosts, a
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::{RoughSolution, StateNorms};
+use crate::study::trial::with_delta;
 
 /// Units of progress of a system.
 const UNITS_OF_SYSTEM: usize = 4;
@@ -220,11 +221,4 @@ fn largest_inflow(world: &World, case: &Case) -> Result<f64> {
     let inflow = prepared.system.matrix.inflow.iter();
     let largest = inflow.flat_map(|aux| aux.values).fold(0.0, |m: f64, b| m.max(b.abs()));
     Ok(prepared.communicator.space.max(largest))
-}
-
-/// `case` with another `δ`.
-fn with_delta(case: &Case, delta: Delta) -> Case {
-    let mut case = case.clone();
-    case.warp.delta = delta;
-    case
 }

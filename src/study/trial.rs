@@ -60,6 +60,11 @@ pub fn plan_series(warp: &mut Warp) {
     (warp.coefficients, warp.delta) = (Coefficients::Analytic, Delta::Planned);
 }
 
+/// `case` with another coupling `δ` of the inflow.
+pub fn with_delta(case: &Case, delta: Delta) -> Case {
+    Case { warp: Warp { delta, ..case.warp.clone() }, ..case.clone() }
+}
+
 /// A propagator that takes `steps` equal steps over `duration`, or none.
 pub fn propagation(duration: f64, method: PropagatorMethod, steps: Option<usize>) -> Propagation {
     Propagation { method, step: steps.map(|n| duration / n as f64) }

@@ -9,7 +9,6 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::inflow::AuxiliaryRow;
-use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Delta};
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
@@ -17,6 +16,7 @@ use crate::study::stability::cases::{assembled, extremes, grid_notes};
 use crate::study::stability::panel::{
     Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
 };
+use crate::study::trial::with_delta;
 
 /// Largest number of cells.
 const CELLS: usize = 4096;
@@ -84,7 +84,7 @@ impl LossCurves {
                 break;
             }
             let delta = middle * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
-            let mut found = with_delta(task.world, case, Delta::Given(delta))?;
+            let mut found = assembled(task.world, &with_delta(case, Delta::Given(delta)))?;
             let bound = found.bounds.growth * case.duration();
             curves.push(delta, &InflowLoss::of(&mut found, case.duration())?, bound);
         }
@@ -105,16 +105,6 @@ impl LossCurves {
     }
 }
 
-/// `case` with this coupling of the inflow, assembled. Collective.
-///
-/// # Errors
-/// As [`assembled`].
-fn with_delta(world: &World, case: &Case, delta: Delta) -> Result<Prepared> {
-    let mut case = case.clone();
-    case.warp.delta = delta;
-    assembled(world, &case)
-}
-
 /// Measures the panel. Collective.
 ///
 /// # Errors
@@ -130,7 +120,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         ));
     }
     let case = coarsened(whole, CELLS);
-    let mut planned = with_delta(world, &case, Delta::Planned)?;
+    let mut planned = assembled(world, &with_delta(&case, Delta::Planned))?;
     let largest =
         over_rows(&planned, |aux| aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
     if largest == 0.0 {
