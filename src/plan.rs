@@ -402,12 +402,10 @@ impl Plan {
             writeln!(f, "reduced         {line}")?;
         }
         let b = &self.bounds;
-        let mut scene = vec![if b.jumps { "jumps" } else { "no jump" }];
-        scene.push(if b.inflow { "inflow" } else { "no inflow" });
-        if b.weighted {
-            scene.push("dissipative weights");
-        }
-        writeln!(f, "scene           {}", scene.join(", "))?;
+        let jumps = if b.jumps { "jumps" } else { "no jump" };
+        let inflow = if b.inflow { "inflow" } else { "no inflow" };
+        let weights = if b.weighted { ", dissipative weights" } else { "" };
+        writeln!(f, "scene           {jumps}, {inflow}{weights}")?;
         if b.stages > 0 {
             writeln!(f, "time            {} steps of two exponentials", b.stages / 2)?;
         }

@@ -73,10 +73,7 @@ impl MeasuredSpectra {
     /// [`Error::Memory`] before anything is computed if a grid does not fit; as [`Prepared::new`].
     pub fn new(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Self> {
         let grids: Vec<Case> = (refine.iter()).map(|&factor| refined(case, factor)).collect();
-        let mut plans = Vec::new();
-        for case in &grids {
-            plans.push(plan(world, case)?);
-        }
+        let plans = grids.iter().map(|case| plan(world, case)).collect::<Result<Vec<_>>>()?;
         let mut found = Vec::new();
         for ((case, ProvisionalPlan { bounds, plan }), &refinement) in
             grids.iter().zip(&plans).zip(refine)

@@ -30,7 +30,6 @@ pub fn nothing_tried() -> Error {
 pub struct PanelContents {
     /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
-    /// The curves.
     pub curves: Vec<Curve>,
     /// The borders.
     pub borders: Vec<Border>,
