@@ -8,7 +8,7 @@ use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::grid_search::{
-    DISCRETISATION, DensityError, Evidence, Goal, GridSearch, ReachedGrid, error_on,
+    DISCRETISATION, DensityError, Evidence, GridSearch, ReachedGrid, error_on,
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
@@ -312,9 +312,8 @@ impl Study<'_> {
         scheme: SchemeChoice,
         known: &ReachedGrid,
     ) -> Result<()> {
-        let (start, accuracy) = (&known.shape, self.request.accuracy);
-        let goal = Goal { scheme, start, balance: true, own: start, accuracy, share: 1.0 };
-        let why = match GridSearch::new(&mut self.trials, goal).near(known) {
+        let search = GridSearch::new(&mut self.trials, scheme, self.request.accuracy, 1.0);
+        let why = match search.near(known) {
             Ok(Some(reached)) if method == Method::Classical => {
                 return self.add_classical(&reached);
             }

@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Limiter, Method};
-use crate::study::advise::grid_search::{DISCRETISATION, Evidence, Goal, GridSearch, ReachedGrid};
+use crate::study::advise::grid_search::{DISCRETISATION, Evidence, GridSearch, ReachedGrid};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::setups::SkippedSetup;
 use crate::study::advise::{ROUND_OFF, Study};
@@ -196,10 +196,8 @@ impl Study<'_> {
         balance: bool,
         share: f64,
     ) -> Result<ReachedGrid> {
-        let own = self.trials.degree_case(scheme).base.space.elements();
         let accuracy = self.request.accuracy;
-        let goal = Goal { scheme, start, balance, own: &own, accuracy, share };
-        GridSearch::new(&mut self.trials, goal).coarsest()
+        GridSearch::new(&mut self.trials, scheme, accuracy, share).coarsest(start, balance)
     }
 
     /// Unknowns of the grid that is expected to reach the accuracy.
