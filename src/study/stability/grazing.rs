@@ -30,7 +30,7 @@ use crate::base::error::{Error, Result};
 use crate::base::random::evenly_spread;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
-use crate::problem::grid::{PhaseSpace, for_each_cell};
+use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
@@ -74,22 +74,19 @@ fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
     high
 }
 
-/// Heights of the jumps of `V` across axis `a`, each once.
-fn jumps_across(space: &PhaseSpace, potential: &Potential, a: usize) -> Vec<f64> {
-    let mut jumps: Vec<f64> = Vec::new();
-    for_each_cell(&space.space_ranges(), |i| {
-        let jump = potential.jump_below(i, a).abs();
-        if jump > 0.0 && !jumps.contains(&jump) {
-            jumps.push(jump);
-        }
-    });
-    jumps
-}
-
-/// Heights of the jumps of `V` along each axis.
+/// Heights of the jumps of `V` across each axis, each once.
 fn all_jumps(case: &Case) -> Result<Vec<Vec<f64>>> {
     let potential = Potential::whole(case)?;
-    Ok((0..case.space.dimension()).map(|a| jumps_across(&case.space, &potential, a)).collect())
+    let mut jumps: Vec<Vec<f64>> = vec![Vec::new(); case.space.dimension()];
+    for_each_cell(&case.space.space_ranges(), |i| {
+        for (a, jumps) in jumps.iter_mut().enumerate() {
+            let jump = potential.jump_below(i, a).abs();
+            if jump > 0.0 && !jumps.contains(&jump) {
+                jumps.push(jump);
+            }
+        }
+    });
+    Ok(jumps)
 }
 
 /// `λ⁺` of rows without weights by theory: the largest over all targets behind all jumps. `None` if

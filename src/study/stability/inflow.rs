@@ -86,16 +86,13 @@ impl LossCurves {
             let delta = middle * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
             let mut found = assembled(task.world, &with_delta(case, Delta::Given(delta)))?;
             let bound = found.bounds.growth * case.duration();
-            curves.push(delta, &InflowLoss::of(&mut found, case.duration())?, bound);
+            let loss = InflowLoss::of(&mut found, case.duration())?;
+            let point = |measured: f64, theory: f64| CurvePoint { x: delta, measured, theory };
+            curves.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
+            curves.state.push(point(loss.ratio, f64::NAN));
+            curves.total.push(point(loss.total(), bound.exp() * loss.ratio));
         }
         Ok(curves)
-    }
-
-    fn push(&mut self, delta: f64, loss: &InflowLoss, bound: f64) {
-        let point = |measured: f64, theory: f64| CurvePoint { x: delta, measured, theory };
-        self.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
-        self.state.push(point(loss.ratio, f64::NAN));
-        self.total.push(point(loss.total(), bound.exp() * loss.ratio));
     }
 
     /// The point of least loss.
