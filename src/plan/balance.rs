@@ -122,7 +122,6 @@ struct LoadSearch<'a> {
     most: usize,
     /// The best assignment so far: the group of each piece.
     best: Vec<usize>,
-    /// Steps left.
     steps: usize,
 }
 

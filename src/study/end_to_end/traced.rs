@@ -32,7 +32,6 @@ pub(super) struct DensityAtPoint<'a> {
     pub case: &'a Case,
     /// The point, its velocities zero.
     pub point: [f64; 6],
-    /// The exact solution.
     pub values: &'a ExactValues<'a>,
 }
 
