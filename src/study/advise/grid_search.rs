@@ -345,14 +345,9 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     fn sequence_from(&mut self, first: Vec<usize>) -> Result<ErrorSequence> {
         let scheme = self.scheme;
         let (exact, orders) = (self.trials.has_exact(), scheme.orders());
-        let mut sequence = ErrorSequence {
-            shapes: vec![first.clone()],
-            found: vec![],
-            to_finest: vec![],
-            exact,
-            orders,
-        };
-        sequence.found.extend(self.trials.error(scheme, &first)?);
+        let found = Vec::from_iter(self.trials.error(scheme, &first)?);
+        let mut sequence =
+            ErrorSequence { shapes: vec![first], found, to_finest: vec![], exact, orders };
         self.refine(&mut sequence)?;
         self.coarsen(&mut sequence)?;
         if !exact {

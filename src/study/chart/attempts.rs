@@ -144,11 +144,13 @@ impl<'a> Attempts<'a> {
     /// The error that nothing could be run: that of the first trial that failed, or that none fits
     /// into the budget.
     fn why_nothing_ran(&mut self) -> Error {
-        let first_error = self.first_error.take();
+        if let Some(error) = self.first_error.take() {
+            return error;
+        }
         let quickest = (self.entries.iter())
-            .filter_map(|entry| entry.expected_seconds.map(|seconds| (seconds, &entry.grid)))
+            .filter_map(|entry| Some((entry.expected_seconds?, entry.grid.as_str())))
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        let (seconds, grid) = quickest.map_or((0.0, ""), |(seconds, grid)| (seconds, grid));
+        let (seconds, grid) = quickest.unwrap_or((0.0, ""));
         let limit = self.budget.limit();
         let why = if seconds < limit {
             format!("no time is left for a run on {grid}, the coarsest grid")
@@ -156,14 +158,11 @@ impl<'a> Attempts<'a> {
             let seconds = time_text(seconds);
             format!("a run on {grid}, the coarsest grid, is expected to take at least {seconds}")
         };
-        let none_fits = || {
-            Error::Input(format!(
-                "{}: --budget {limit} s: {why}; fewer cells (axis.N.x.cells, axis.N.v.cells) or a \
-                 longer budget",
-                self.case.name
-            ))
-        };
-        first_error.unwrap_or_else(none_fits)
+        Error::Input(format!(
+            "{}: --budget {limit} s: {why}; fewer cells (axis.N.x.cells, axis.N.v.cells) or a \
+             longer budget",
+            self.case.name
+        ))
     }
 
     /// Seconds since the beginning, by this rank's clock.

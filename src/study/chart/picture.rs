@@ -184,8 +184,7 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let axes = ["seconds", SEMIDISCRETE].map(PlotAxis::log);
     let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
     let first = profiles(entries).into_iter().next().unwrap_or_default();
-    let implicit = IMPLICIT_PROPAGATORS;
-    let propagators = [&EXACT_PROPAGATORS[..], &implicit].concat();
+    let propagators = [EXACT_PROPAGATORS, IMPLICIT_PROPAGATORS].concat();
     for (k, &method) in propagators.iter().enumerate() {
         plot = plot.series(&format!("{first}, {}", choice_text(&method)), Style::of(k), |e| {
             has_profile(e, &first) && has_usual_treatment(e) && e.propagator == Some(method)

@@ -9,7 +9,7 @@ use crate::study::order::{Order, OrderRange, orders_text};
 use crate::study::trial::{final_fields_only, seconds_of_result, trial};
 
 /// Grids on which errors are measured.
-const GRIDS: usize = 3;
+const GRIDS: i32 = 3;
 /// The least order of a smooth part of a solution: that of a jump.
 const ORDER_OF_JUMP: f64 = 0.5;
 /// The highest order that counts for degree 0; of a higher degree `k` it is `k + 1`.
@@ -38,12 +38,8 @@ impl MeasuredScheme {
         let group = world.group();
         let grids = Grids::new(case);
         let own = case.space.elements();
-        let mut shapes = vec![own.clone()];
-        while shapes.len() < GRIDS {
-            let part = 0.5f64.powi(shapes.len() as i32);
-            shapes.push(grids.alike(&own, part));
-        }
-        shapes.reverse();
+        let coarser = (1..GRIDS).rev().map(|k| grids.alike(&own, 0.5f64.powi(k)));
+        let shapes: Vec<Vec<usize>> = coarser.chain([own.clone()]).collect();
         if let Some(pair) = shapes.windows(2).find(|pair| pair[0] == pair[1]) {
             return Err(Error::Input(format!(
                 "{}: errors are measured on {GRIDS} grids, each half as fine as the one before, \
