@@ -220,7 +220,8 @@ impl<'a> Attempts<'a> {
             }
         }
         let mut reduced_case = self.reduce(case)?;
-        if setup.needs_bounds() {
+        // The paper's interval depends on measured bounds of the matrix.
+        if matches!(setup, Setup::Paper { .. }) {
             let least = (self.cost).overhead(&reduced_case, reduced_case.space.cells() as f64);
             if !self.budget.decide(self.fits(setup, least)) {
                 return Ok(self.left_out(case, setting, at_least(least)));

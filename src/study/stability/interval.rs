@@ -115,7 +115,8 @@ impl IntervalTrials {
     /// The shortest interval that a run of `case` accepts with the profile that it plans, and the
     /// error there. Collective.
     fn shortest(&self, task: &PanelTask<'_>, mut case: Case) -> Result<Option<ShortestInterval>> {
-        let (far, ratio, bounds) = (self.far, self.reference.ratio, self.reference.bounds());
+        let (far, ratio, bounds) =
+            (self.far, self.reference.ratio, &self.reference.prepared.bounds);
         let accepts = |case: &mut Case, length: f64| {
             case.warp.interval = Some([far - length, far]);
             WarpPlan::modes_of(case, bounds, ratio).is_ok()

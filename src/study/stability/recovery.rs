@@ -114,7 +114,7 @@ fn read(
         name,
         points: at.iter().zip(&errors).map(point).collect(),
         extent,
-        growth_bound: reference.bounds().growth * case.duration(),
+        growth_bound: reference.prepared.bounds.growth * case.duration(),
         // Twice the error of the profile, amplified by the recovery.
         threshold: THRESHOLD * ratio * extent.growth.max(0.0).exp() * 2.0,
     }))

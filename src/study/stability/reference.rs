@@ -2,7 +2,6 @@
 //! `p`, planned or not, are compared to it.
 
 use crate::base::error::Result;
-use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::Resources;
@@ -22,7 +21,7 @@ const TOLERANCE: f64 = 1e-6;
 
 /// The problem on this rank, and its exact fields at `T`.
 pub struct ReferenceProblem {
-    /// The assembled case.
+    /// The assembled case, its bounds with the measured growth.
     pub prepared: Prepared,
     resources: Resources,
     /// `f(T)` of each field, on this rank's share.
@@ -68,11 +67,6 @@ impl ReferenceProblem {
             }
             self.exact.push(system.own_field(&rank_cells.mine, &state));
         }
-    }
-
-    /// Bounds on the generator, with the measured growth.
-    pub fn bounds(&self) -> &Bounds {
-        &self.prepared.bounds
     }
 
     /// Updates of unknowns that propagating `series` takes: applications times unknowns.
