@@ -17,21 +17,16 @@ const FOR_GRIDS: f64 = 0.7;
 /// Largest part of the budget that a trial of the case on its own grid may take.
 const FOR_CASE: f64 = 0.3;
 
-/// The result of the search for the grid of a scheme.
-enum SearchResult {
-    /// The grid that was found.
-    Found(ReachedGrid),
+/// The reason why there is no grid of a scheme.
+enum NoGrid {
     /// The budget does not hold a run on the first grid, which has this shape.
     BudgetTooSmall(Vec<usize>),
     /// A trial failed.
     Failed(Error),
 }
 
-impl From<Result<ReachedGrid>> for SearchResult {
-    fn from(found: Result<ReachedGrid>) -> Self {
-        found.map_or_else(Self::Failed, Self::Found)
-    }
-}
+/// The result of the search for the grid of a scheme.
+type SearchResult = std::result::Result<ReachedGrid, NoGrid>;
 
 /// A scheme, and the result of the search for its grid.
 struct SearchedScheme {
@@ -108,7 +103,7 @@ impl Study<'_> {
             // Each scheme has an equal share of the budget for grids.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
             let tried = match k {
-                0 => self.coarsest(scheme, &first, true, share).into(),
+                0 => self.coarsest(scheme, &first, true, share).map_err(NoGrid::Failed),
                 _ => self.search_grid(scheme, share)?,
             };
             found.push(SearchedScheme { scheme, tried });
@@ -127,12 +122,12 @@ impl Study<'_> {
         }
         found.sort_by(|a, b| Self::expected_unknowns(a).total_cmp(&Self::expected_unknowns(b)));
         for SearchedScheme { scheme, tried } in found {
-            if !by_modes(scheme) || matches!(tried, SearchResult::Failed(_)) {
+            if !by_modes(scheme) || matches!(tried, Err(NoGrid::Failed(_))) {
                 continue;
             }
             // A failed second search does not replace the result of the first.
             let more = self.search_grid(*scheme, FOR_GRIDS)?;
-            if matches!(more, SearchResult::Found(_)) {
+            if more.is_ok() {
                 *tried = more;
             }
             if !self.misses_accuracy(tried) {
@@ -151,8 +146,8 @@ impl Study<'_> {
         for SearchedScheme { scheme, tried } in found {
             let name = self.name(Method::Classical, scheme);
             match tried {
-                SearchResult::Found(reached) => grids.push(reached),
-                SearchResult::BudgetTooSmall(start) => {
+                Ok(reached) => grids.push(reached),
+                Err(NoGrid::BudgetTooSmall(start)) => {
                     let grid = shape_text(&start);
                     // Each scheme has at least an equal share.
                     let updates = self.trials.updates_to_try(scheme, &start);
@@ -163,7 +158,7 @@ impl Study<'_> {
                         format!("the budget does not hold a run on {grid}; {budget} may allow it");
                     self.left_out.push(SkippedSetup::new(name, why));
                 }
-                SearchResult::Failed(error) => {
+                Err(NoGrid::Failed(error)) => {
                     self.left_out.push(SkippedSetup::new(name, &error));
                     failure = Some(error);
                 }
@@ -181,9 +176,9 @@ impl Study<'_> {
     fn search_grid(&mut self, scheme: SchemeChoice, share: f64) -> Result<SearchResult> {
         let start = self.start(scheme);
         if self.trials.affords(scheme, &start, share)? {
-            Ok(self.coarsest(scheme, &start, true, share).into())
+            Ok(self.coarsest(scheme, &start, true, share).map_err(NoGrid::Failed))
         } else {
-            Ok(SearchResult::BudgetTooSmall(start))
+            Ok(Err(NoGrid::BudgetTooSmall(start)))
         }
     }
 
@@ -202,14 +197,14 @@ impl Study<'_> {
 
     /// Unknowns of the grid that is expected to reach the accuracy.
     fn expected_unknowns(searched: &SearchedScheme) -> f64 {
-        let SearchResult::Found(reached) = &searched.tried else { return f64::INFINITY };
+        let Ok(reached) = &searched.tried else { return f64::INFINITY };
         let nodes = (searched.scheme.degree + 1) as f64;
         cells(&reached.shape) * nodes.powi(reached.shape.len() as i32)
     }
 
     /// Whether no grid that was tried reaches the accuracy.
     fn misses_accuracy(&self, tried: &SearchResult) -> bool {
-        let SearchResult::Found(reached) = tried else { return true };
+        let Ok(reached) = tried else { return true };
         let wanted = DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
         reached.known == Evidence::Extrapolated || reached.error > wanted
     }
