@@ -24,9 +24,7 @@ use crate::solve::prepared::Prepared;
 use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, grid_notes};
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::stability::search::{BorderLocation, last_holding};
 use num_complex::Complex64;
 use std::f64::consts::PI;
@@ -304,7 +302,7 @@ impl ExplicitSteps<'_> {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     let PanelTask { world, case: whole, budget } = *task;
     let case = Case { method: Method::Classical, ..coarsened(whole, CELLS).without_inflow() };
     let mut found = assembled(world, &case)?;

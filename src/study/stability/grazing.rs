@@ -37,9 +37,7 @@ use crate::study::grids::coarsened;
 use crate::study::stability::cases::{
     assembled, extremes, grid_notes, refuse_elements, with_potential_times,
 };
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::treatment::Treatment;
 
 /// Largest number of cells.
@@ -148,7 +146,7 @@ fn spikes(case: &Case, jumps: &[Vec<f64>]) -> Vec<f64> {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     let PanelTask { world, case: whole, budget } = *task;
     refuse_elements(whole)?;
     let coarse = coarsened(&whole.without_inflow(), CELLS);

@@ -7,7 +7,7 @@ use crate::study::grids::{coarsened, refined};
 use crate::study::stability::cases::{assembled, extremes, refuse_elements};
 use crate::study::stability::grazing::expected_growth;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelTask, nothing_tried,
 };
 use crate::study::treatment::Treatment;
 
@@ -101,7 +101,7 @@ fn growth_of(task: &PanelTask<'_>, case: &Case, treatment: Treatment) -> Result<
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     refuse_elements(task.case)?;
     let start = coarsened(&task.case.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(task.case)?.jumps {

@@ -1,13 +1,11 @@
 //! The step of the implicit methods: Crank–Nicolson is of second order, backward Euler of first.
 
-use crate::base::error::Error;
+use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::choices::IMPLICIT_PROPAGATORS;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::stability::reading::plateau;
 use crate::study::trial::{plan_series, propagation};
 
@@ -139,7 +137,7 @@ impl ImplicitSteps {
 /// # Errors
 /// [`Error::Input`] if the inflow depends on time, or no step could be tried. Errors of single
 /// trials become notes.
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     if task.case.varies() {
         let why = "the inflow depends on time: modes are stepped by a commutator-free scheme";
         return Err(Error::input(why));

@@ -13,9 +13,7 @@ use crate::problem::case::{Case, Delta};
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, extremes, grid_notes};
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::trial::with_delta;
 
 /// Largest number of cells.
@@ -106,7 +104,7 @@ impl LossCurves {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     let PanelTask { world, case: whole, .. } = *task;
     if !whole.enters() {
         return Err(Error::input("nothing enters"));

@@ -9,9 +9,7 @@ use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::stability::reading::{
     SpectrumExtent, THRESHOLD, expected, plateau, refuse_varying, switched_gaussian,
 };
@@ -191,7 +189,7 @@ fn verdict(
 ///
 /// # Errors
 /// As [`ReferenceProblem::new`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     refuse_varying(task.case)?;
     let mut case = coarsened(task.case, CELLS);
     case.warp.weights = true;

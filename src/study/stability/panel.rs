@@ -37,9 +37,6 @@ pub struct PanelContents {
     pub notes: Vec<String>,
 }
 
-/// The contents of a panel, or why the case does not have it.
-pub type PanelResult = Result<PanelContents>;
-
 impl PanelTask<'_> {
     /// Whether the time of the panel is over. If it is, a note is added. Collective.
     pub fn is_over(&self, notes: &mut Vec<String>) -> bool {
@@ -188,7 +185,7 @@ pub struct PanelSpec {
     /// The axis of the measured quantity.
     pub y: AxisScale,
     #[serde(skip)]
-    pub measure: fn(&PanelTask<'_>) -> PanelResult,
+    pub measure: fn(&PanelTask<'_>) -> Result<PanelContents>,
 }
 
 /// A panel: measurements over one varied quantity.

@@ -8,7 +8,7 @@ use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelTask, nothing_tried,
 };
 use crate::study::stability::reading::{
     SpectrumExtent, THRESHOLD, expected, plateau, refuse_varying, switched_gaussian,
@@ -124,7 +124,7 @@ fn read(
 ///
 /// # Errors
 /// As [`ReferenceProblem::new`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     refuse_varying(task.case)?;
     let coarse = coarsened(task.case, CELLS);
     let jumps = Bounds::new(&coarse)?.jumps;

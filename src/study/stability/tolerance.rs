@@ -11,7 +11,7 @@ use crate::study::choices::PROFILES;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelTask, nothing_tried,
 };
 use crate::study::trial::{plan_series, propagation};
 
@@ -151,7 +151,7 @@ fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
 ///
 /// # Errors
 /// As [`Bounds::new`]; errors of the trials are left out.
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     let mut case = coarsened(task.case, CELLS);
     case.verify = true;
     plan_series(&mut case.warp);
