@@ -33,7 +33,7 @@ use crate::study::chart::programme::Programme;
 use crate::study::chart::result::{Chart, mark_fronts};
 use crate::study::chart::verdict::sentences;
 use crate::study::choices::DEGREES;
-use crate::study::grids::{Grids, grid_name, of_degree, on_grid, stray_edges};
+use crate::study::grids::{grid_name, of_degree, on_grid, stray_edges};
 use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
 
@@ -53,7 +53,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);
     let treated = jumps && case.has_upwind_cells();
-    let programme = Programme::new(&case.space, &Grids::new(case), treated, |space| {
+    let programme = Programme::new(case, treated, |space| {
         stray_edges(&on_grid(case, &space.elements())) <= stray
     });
     let (cases, left_out) = other_degrees(case);

@@ -78,16 +78,11 @@ pub struct Programme {
 }
 
 impl Programme {
-    /// The settings for a case on `space`. Finer grids have all its faces. Coarser ones have about
-    /// half and a quarter of its cells, with the edges of `V` on faces where possible; `usable`
-    /// decides whether such a grid resolves `V` as the case's own does.
-    pub fn new(
-        space: &PhaseSpace,
-        near: &Grids,
-        jumps: bool,
-        usable: impl Fn(&PhaseSpace) -> bool,
-    ) -> Self {
-        let own = space.elements();
+    /// The settings for `case`. Finer grids have all faces of its own. Coarser ones have about half
+    /// and a quarter of its cells, with the edges of `V` on faces where possible; `usable` decides
+    /// whether such a grid resolves `V` as the case's own does.
+    pub fn new(case: &Case, jumps: bool, usable: impl Fn(&PhaseSpace) -> bool) -> Self {
+        let (space, near, own) = (&case.space, Grids::new(case), case.space.elements());
         let mut grids: Vec<PhaseSpace> = Vec::new();
         for factor in FACTORS.into_iter().rev() {
             let shape = near.scaled(&own, AxisGroup::All, 1.0 / factor as f64);
@@ -329,7 +324,7 @@ mod tests {
 
     fn programme(cells: usize, jumps: bool) -> Programme {
         let case = case(cells);
-        Programme::new(&case.space, &Grids::new(&case), jumps, |_| true)
+        Programme::new(&case, jumps, |_| true)
     }
 
     #[test]
@@ -379,7 +374,7 @@ mod tests {
         assert_eq!(found.own, 2);
         // The case's own grid is always there.
         let case = case(66);
-        let alone = Programme::new(&case.space, &Grids::new(&case), true, |_| false);
+        let alone = Programme::new(&case, true, |_| false);
         assert_eq!(cells(&alone), [66, 132, 264]);
         assert_eq!(alone.own, 0);
         // Too coarse.
