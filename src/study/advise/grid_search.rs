@@ -287,9 +287,9 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         Ok(result)
     }
 
-    /// A grid that meets the accuracy with the scheme's flux, near `known`, the grid for another flux
-    /// of the same scheme. Order and grids are those of `known`. `None` if the budget does not hold
-    /// the trials that show it. Collective.
+    /// A grid that meets the accuracy with the scheme's flux, near `known`, the grid for another
+    /// flux of the same scheme. Order and grids are those of `known`. `None` if the budget does not
+    /// hold the trials that show it. Collective.
     ///
     /// # Errors
     /// As [`Trials::run`].
