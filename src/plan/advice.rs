@@ -68,6 +68,7 @@ pub struct Advice {
     /// Modelled time of the plan's own mesh, for all fields: rows times applications of the rank
     /// with most to do. Ghost exchange counts as rows.
     pub row_applications: f64,
+    /// The node.
     pub node: Option<MachineNode>,
     /// Number of nodes for the ranks.
     pub nodes: Option<usize>,

@@ -122,6 +122,7 @@ struct LoadSearch<'a> {
     most: usize,
     /// The best assignment so far: the group of each piece.
     best: Vec<usize>,
+    /// Steps left.
     steps: usize,
 }
 

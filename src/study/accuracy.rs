@@ -21,6 +21,7 @@ const CHOICE: &str = "accuracy.json";
 /// The `--set` options chosen for an accuracy, as [`CHOICE`] stores them.
 #[derive(Debug, Serialize, Deserialize)]
 struct ChosenSetup {
+    /// The accuracy.
     accuracy: f64,
     /// The relative L1 error of the density that the trials expect, if the file is of a version
     /// that stores it.

@@ -101,7 +101,9 @@ impl fmt::Display for Calibration {
 
 /// A run whose seconds were measured. Seconds on other numbers of ranks follow by scaling.
 pub struct CalibratedRun {
+    /// The plan.
     pub plan: Plan,
+    /// Calibration of the run.
     pub calibration: Calibration,
 }
 

@@ -66,9 +66,11 @@ impl RankLoad {
 /// The cost of a run on a number of ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RankCost {
+    /// Number of ranks.
     pub ranks: usize,
     /// Space blocks along each x-axis.
     pub space_blocks: Vec<usize>,
+    /// Mode groups.
     pub mode_groups: usize,
     /// Time relative to that of the first number of ranks that fits.
     pub time: f64,
@@ -120,6 +122,7 @@ pub struct RankTable {
 
 /// A number of ranks to compare, with its plan.
 pub struct RankChoice {
+    /// Number of ranks.
     pub ranks: usize,
     /// The nodes of the machine, if they are given.
     pub node: Option<MachineNode>,

@@ -39,11 +39,13 @@ pub struct GridSpectrum {
     shape: Vec<usize>,
     /// Order of `S`: cells and auxiliary unknowns.
     unknowns: usize,
+    /// The interface law.
     interface: Interface,
     /// Whether the unknowns are scaled by dissipative weights.
     weighted: bool,
     /// The system that `S` belongs to.
     system: MeasuredSystem,
+    /// Extreme eigenvalues.
     lanczos: SpectrumExtremes,
     /// Lower and upper bound by row sums of `|S|`.
     gershgorin: [f64; 2],

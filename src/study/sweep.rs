@@ -73,7 +73,9 @@ impl SweepRun {
 
 /// All runs, the last key varying fastest.
 pub struct Sweep {
+    /// The runs.
     pub runs: Vec<SweepRun>,
+    /// The request of the user.
     pub request: SweepRequest,
     keys: Vec<String>,
 }

@@ -7,6 +7,7 @@ use crate::scheme::interface::law_of;
 /// An interface law, and whether the unknowns are weighted against the growth that it allows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Treatment {
+    /// The interface law.
     pub interface: Interface,
     /// Whether weights are dissipative.
     pub weights: bool,

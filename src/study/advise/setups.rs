@@ -53,7 +53,9 @@ pub struct SetupReport {
     pub name: String,
     /// Schrödingerized or classical.
     pub method: Method,
+    /// Interface law.
     pub interface: Interface,
+    /// Slope limiter.
     pub limiter: Limiter,
     /// Degree of the elements.
     pub degree: usize,
@@ -69,7 +71,9 @@ pub struct SetupReport {
     pub tolerance: Option<f64>,
     /// Relative L1 error of the density.
     pub error: f64,
+    /// The evidence for the error.
     pub known: Evidence,
+    /// Parts of the error.
     pub parts: ErrorParts,
     /// Order by pairs of grids.
     pub order: Order,
@@ -242,6 +246,7 @@ pub struct GivenCase {
     pub error: f64,
     /// The evidence for the error of the discretisation.
     pub known: Evidence,
+    /// Parts of the error.
     pub parts: ErrorParts,
 }
 
@@ -252,6 +257,7 @@ pub struct SkippedSetup {
     pub name: String,
     /// The grid on which its runs by modes failed; `None` if no grid was searched for them.
     pub grid: Option<Vec<usize>>,
+    /// The reason.
     pub why: String,
 }
 
@@ -281,6 +287,7 @@ impl Serialize for SkippedSetup {
 /// The result of `phasewarp advise`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AdviceReport {
+    /// Title of the case.
     pub title: String,
     /// Relative L1 error of the density that was asked for.
     pub accuracy: f64,
@@ -298,6 +305,7 @@ pub struct AdviceReport {
     pub entries: Vec<SetupReport>,
     /// The set-ups that were not tried.
     pub left_out: Vec<SkippedSetup>,
+    /// Warnings to the user.
     pub warnings: Vec<String>,
 }
 

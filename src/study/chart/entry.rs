@@ -36,7 +36,9 @@ pub enum Status {
 /// an unknown number.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct ChartEntry {
+    /// The result.
     pub status: Status,
+    /// The reason of a refusal.
     pub reason: Option<String>,
     /// Expected seconds, with comparisons, if it was left out.
     pub expected_seconds: Option<f64>,
@@ -57,6 +59,7 @@ pub struct ChartEntry {
     pub flux: Option<f64>,
     /// Number of unknowns.
     pub cells: usize,
+    /// Interface law.
     pub interface: Interface,
     /// The time integrator of a classical run.
     pub integrator: Option<Integrator>,
@@ -123,6 +126,7 @@ pub struct ChartEntry {
     /// Whether no other of its kind on its grid is as close to the semi-discrete solution in as few
     /// applications until the field is measured.
     pub front_until_measured: bool,
+    /// Warnings of the run.
     pub warnings: Vec<String>,
 }
 

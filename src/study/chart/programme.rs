@@ -47,7 +47,9 @@ const SHORTER: [f64; 4] = [0.3, 0.1, 0.03, 0.01];
 /// A method with its settings, on a grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
+    /// The grid.
     pub space: PhaseSpace,
+    /// The method.
     pub setup: Setup,
     /// Flux between elements, if it is not that of the case.
     pub flux: Option<f64>,

@@ -10,11 +10,15 @@ use serde::Serialize;
 pub struct Chart {
     /// Title of the case, or its file's name.
     pub title: String,
+    /// Version of the program.
     pub version: String,
     /// The commit it was built from.
     pub git: String,
+    /// Number of ranks.
     pub ranks: usize,
+    /// Seconds allowed.
     pub budget_seconds: f64,
+    /// Seconds taken.
     pub took_seconds: f64,
     /// The exact solution that errors are measured against: `density` for measure-valued data, or
     /// `f`; `None` if it is unknown.

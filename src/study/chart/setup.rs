@@ -17,6 +17,7 @@ pub struct Modes {
     pub profile: &'static ProfileChoice,
     /// Treatment of growth at jumps; `None` if `V` does not jump.
     pub treatment: Option<Treatment>,
+    /// Propagator of a mode.
     pub propagator: PropagatorMethod,
     /// Steps of an implicit propagator.
     pub steps: Option<usize>,
@@ -31,7 +32,9 @@ pub enum Setup {
     Given,
     /// Direct integration of `f' = A f + b`.
     Classical {
+        /// Time integrator.
         integrator: Integrator,
+        /// Slope limiter.
         limiter: Limiter,
         /// Step over the largest stable one.
         cfl: f64,

@@ -10,6 +10,7 @@ use serde::Serialize;
 /// The cost of a degree.
 #[derive(Clone, Debug, Serialize)]
 pub struct DegreeCost {
+    /// The degree.
     pub degree: usize,
     /// The order that is counted on.
     pub order: Option<f64>,
@@ -36,9 +37,11 @@ pub enum QuantumName {
 /// A method on a quantum computer.
 #[derive(Clone, Debug, Serialize)]
 pub struct QuantumMethod {
+    /// Name of the method.
     pub name: QuantumName,
     /// The degree that takes the fewest gates; `None` without a grid.
     pub degree: Option<usize>,
+    /// The cost of every degree.
     pub degrees: Vec<DegreeCost>,
     /// Elements along each axis, of the grids on which errors were measured and of the one needed;
     /// empty without a grid.
@@ -139,6 +142,7 @@ impl ClassicalName {
 /// A classical method.
 #[derive(Clone, Debug, Serialize)]
 pub struct ClassicalMethod {
+    /// Name of the method.
     pub name: ClassicalName,
     /// The degree of the method's elements; `None` without a grid.
     pub degree: Option<usize>,
@@ -170,6 +174,7 @@ impl ClassicalMethod {
 /// The task and all methods for it.
 #[derive(Clone, Debug, Serialize)]
 pub struct EndToEnd {
+    /// Title of the case.
     pub title: String,
     /// The relative error `ε` of the density.
     pub accuracy: f64,
@@ -183,7 +188,9 @@ pub struct EndToEnd {
     /// The ratio of that density to the mean density. The error of a grid is that of the whole
     /// density.
     pub density_of_mean: f64,
+    /// The methods on a quantum computer.
     pub quantum: Vec<QuantumMethod>,
+    /// The classical methods.
     pub classical: Vec<ClassicalMethod>,
     /// Sentences on which of them needs least.
     pub verdict: Vec<String>,

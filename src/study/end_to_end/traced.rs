@@ -32,6 +32,7 @@ pub(super) struct DensityAtPoint<'a> {
     pub case: &'a Case,
     /// The point, its velocities zero.
     pub point: [f64; 6],
+    /// The exact solution.
     pub values: &'a ExactValues<'a>,
 }
 

@@ -12,6 +12,7 @@ use serde::Serialize;
 
 /// The task of measuring a panel.
 pub struct PanelTask<'a> {
+    /// The world of all ranks.
     pub world: &'a World,
     /// The case on its own grid.
     pub case: &'a Case,
@@ -30,6 +31,7 @@ pub struct PanelContents {
     /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
     pub curves: Vec<Curve>,
+    /// The borders.
     pub borders: Vec<Border>,
     /// Conclusions, in a sentence or two.
     pub verdict: String,
@@ -70,6 +72,7 @@ impl PanelTask<'_> {
 pub struct CurvePoint {
     /// The varied quantity.
     pub x: f64,
+    /// The measured value.
     pub measured: f64,
     /// The value, or a bound on it, by theory.
     pub theory: f64,
@@ -78,6 +81,7 @@ pub struct CurvePoint {
 /// A series of points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Curve {
+    /// Name of the curve.
     pub name: String,
     /// Points by rising `x`.
     pub points: Vec<CurvePoint>,
@@ -88,6 +92,7 @@ pub struct Curve {
 /// The value of the varied quantity at which a method begins to fail.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Border {
+    /// Name of the border.
     pub name: String,
     /// The measured border; `None` if it was not located.
     pub measured: Option<f64>,
@@ -175,6 +180,7 @@ impl AxisScale {
 pub struct PanelSpec {
     /// The name of the panel for `--only`.
     pub name: PanelName,
+    /// The title of the panel.
     pub title: &'static str,
     /// Whether the panel rarely uses an equal share of the budget. It may then take two shares of
     /// the time that is left.
@@ -184,6 +190,7 @@ pub struct PanelSpec {
     pub x: AxisScale,
     /// The axis of the measured quantity.
     pub y: AxisScale,
+    /// The measurement.
     #[serde(skip)]
     pub measure: fn(&PanelTask<'_>) -> Result<PanelContents>,
 }
@@ -194,6 +201,7 @@ pub struct StabilityPanel {
     /// What it measures.
     #[serde(flatten)]
     pub spec: &'static PanelSpec,
+    /// The contents of the panel.
     #[serde(flatten)]
     pub findings: PanelContents,
 }
@@ -223,6 +231,7 @@ pub enum PanelName {
 /// A panel that a case does not have.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LeftOut {
+    /// Name of the panel.
     pub name: PanelName,
     /// The reason why the case does not have the panel.
     pub reason: String,
@@ -239,7 +248,9 @@ pub struct Stability {
     pub shape: Vec<usize>,
     /// The final time.
     pub time: f64,
+    /// Number of ranks.
     pub ranks: usize,
+    /// The panels.
     pub panels: Vec<StabilityPanel>,
     /// The panels that the case does not have.
     pub left_out: Vec<LeftOut>,

@@ -7,6 +7,7 @@ use crate::base::error::{Error, Result};
 pub struct Vary {
     /// The dotted key.
     pub key: String,
+    /// The values.
     pub values: Vec<String>,
 }
 
