@@ -130,10 +130,17 @@ impl GridKey {
     }
 }
 
-/// The properties of a case that the seconds of its comparisons and preparation depend on: whether
-/// it is solved by modes, and whether it is verified.
-fn overhead_key(case: &Case) -> (bool, bool) {
-    (case.method == Method::Schrodingerized, case.verify)
+/// The properties of a case that the seconds of its comparisons and preparation depend on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct OverheadKey {
+    by_modes: bool,
+    verified: bool,
+}
+
+impl OverheadKey {
+    fn of(case: &Case) -> Self {
+        Self { by_modes: case.method == Method::Schrodingerized, verified: case.verify }
+    }
 }
 
 /// A measured rate, and the size of the trial that it is from.
@@ -160,8 +167,8 @@ pub struct TrialSeconds {
 #[derive(Debug, Default)]
 pub struct CostModel {
     rates: BTreeMap<WorkKind, MeasuredRate>,
-    /// Least seconds of the overhead, by [`overhead_key`] and number of cells.
-    overheads: BTreeMap<(bool, bool), BTreeMap<usize, f64>>,
+    /// Least seconds of the overhead, by number of cells.
+    overheads: BTreeMap<OverheadKey, BTreeMap<usize, f64>>,
     /// Bounds without a measurement; the flag tells runs by modes from classical ones.
     unmeasured: BTreeMap<(GridKey, bool), Bounds>,
     /// Measured bounds, and `‖ũ(0)‖/‖f(t)‖`.
@@ -241,8 +248,12 @@ impl CostModel {
 
     /// Seconds of the overhead of a trial of `case` on `cells` cells.
     pub fn overhead(&self, case: &Case, cells: f64) -> f64 {
-        let own = overhead_key(case);
-        let nearest = self.overheads.iter().min_by_key(|(of, _)| (of.0 != own.0, of.1 != own.1));
+        let key = OverheadKey::of(case);
+        let differs = |of: &OverheadKey| {
+            let verified = of.verified != key.verified;
+            (of.by_modes != key.by_modes, verified)
+        };
+        let nearest = self.overheads.iter().min_by_key(|(of, _)| differs(of));
         nearest.map_or(OVERHEAD * cells, |(_, known)| {
             fitted_overhead(known, cells, case.space.shape().len())
         })
@@ -264,7 +275,7 @@ impl CostModel {
             }
         }
         let overhead = (total - solve).max(0.0);
-        let known = self.overheads.entry(overhead_key(case)).or_default();
+        let known = self.overheads.entry(OverheadKey::of(case)).or_default();
         let least = known.entry(cells).or_insert(overhead);
         *least = least.min(overhead);
         if let Some(warp) = &plan.warp {

@@ -86,7 +86,7 @@ pub fn compared(
     };
     progress.advance(UNITS_OF_SYSTEM);
     let first = ranking.first();
-    let first = first.map(|choice| counted(world, choice, last, synthesis));
+    let first = first.map(|choice| CountedChoice::new(world, choice, last, synthesis));
     let first = first.transpose()?;
     progress.finish();
     let of_own = SetupComparison {
@@ -106,7 +106,7 @@ pub fn compared(
 /// the case's own is cheaper.
 fn cheaper(of_own: SetupComparison, first: Option<CountedChoice>) -> SetupComparison {
     let is_own = |of_own, why| SetupComparison { cheapest_is_own: Some(why), ..of_own };
-    let Some((counts, settings)) = first else {
+    let Some(CountedChoice { counts, settings }) = first else {
         return is_own(of_own, "no other set-up could be priced".to_owned());
     };
     let [least, least_of_first] = [of_own.own.least_gates(), counts.least_gates()];
@@ -120,38 +120,44 @@ fn cheaper(of_own: SetupComparison, first: Option<CountedChoice>) -> SetupCompar
 }
 
 /// The counts of a choice, and the settings that make it the case's own set-up.
-type CountedChoice = (ResourceCounts, SetUpSettings);
+struct CountedChoice {
+    counts: ResourceCounts,
+    settings: SetUpSettings,
+}
 
-/// The counts of `choice`, for which the system `last` serves if it has the same `δ`. Collective.
-///
-/// # Errors
-/// As [`Prepared::new`] and [`planned_state`].
-fn counted(
-    world: &World,
-    choice: &CostedChoice,
-    last: ProbedCase,
-    synthesis: RotationSynthesis,
-) -> Result<CountedChoice> {
-    let ProbedCase { mut prepared, rough } = match choice.delta {
-        Some(delta) if delta != last.prepared.case.warp.delta => {
-            let case = with_delta(&last.prepared.case, delta);
-            drop(last);
-            ProbedCase::new(world, &case)?
-        }
-        _ => last,
-    };
-    prepared.case = choice.of(&prepared.case, &prepared.bounds);
-    let state = planned_state(&prepared.case, &prepared.bounds, rough.ratio)?;
-    let counts = ResourceCounts::new(&prepared, state, rough.norms, synthesis)?;
-    let planned = PlannedSetUp {
-        points: counts.points,
-        period: counts.period,
-        recovery: counts.probabilities.recovery,
-        share: PLANNED,
-        bin_bits: counts.by_access.rounding.as_ref().map(|rounding| rounding.bin_bits),
-    };
-    let settings = SetUpSettings::new(&prepared.case, &planned);
-    Ok((counts, settings))
+impl CountedChoice {
+    /// The counts of `choice`, for which the system `last` serves if it has the same `δ`.
+    /// Collective.
+    ///
+    /// # Errors
+    /// As [`Prepared::new`] and [`planned_state`].
+    fn new(
+        world: &World,
+        choice: &CostedChoice,
+        last: ProbedCase,
+        synthesis: RotationSynthesis,
+    ) -> Result<Self> {
+        let ProbedCase { mut prepared, rough } = match choice.delta {
+            Some(delta) if delta != last.prepared.case.warp.delta => {
+                let case = with_delta(&last.prepared.case, delta);
+                drop(last);
+                ProbedCase::new(world, &case)?
+            }
+            _ => last,
+        };
+        prepared.case = choice.of(&prepared.case, &prepared.bounds);
+        let state = planned_state(&prepared.case, &prepared.bounds, rough.ratio)?;
+        let counts = ResourceCounts::new(&prepared, state, rough.norms, synthesis)?;
+        let planned = PlannedSetUp {
+            points: counts.points,
+            period: counts.period,
+            recovery: counts.probabilities.recovery,
+            share: PLANNED,
+            bin_bits: counts.by_access.rounding.as_ref().map(|rounding| rounding.bin_bits),
+        };
+        let settings = SetUpSettings::new(&prepared.case, &planned);
+        Ok(Self { counts, settings })
+    }
 }
 
 /// The unitary scheme on the grid of `case`, whose state at the start has the first of `norms`.
@@ -170,8 +176,8 @@ fn unitary(
     Ok(UnitaryCosts::new(&accesses, case.tolerance, norms.no_start()))
 }
 
-/// Every choice of profile, parameter, recovery point and `δ`, the cheapest first, and the system
-/// of the last `δ`. Collective.
+/// Every choice of profile, parameter, recovery point and `δ`, the cheapest first, and the system of
+/// the last `δ`. Collective.
 ///
 /// # Errors
 /// As [`Prepared::new`].
