@@ -198,23 +198,27 @@ impl Plan {
         refuse_fast_inflow(case)?;
         let warp = match case.method {
             Method::Schrodingerized => Some(WarpPlan::new(case, &bounds, ratio)?),
-            Method::Classical if bounds.rate * case.duration() > LONGEST_SPAN * LONGEST_SPAN => {
-                return Err(Error::TooLong {
-                    end: case.end,
-                    rate: bounds.rate,
-                    quantity: "that rate is",
-                    span: bounds.rate * case.duration(),
-                    limit: LONGEST_SPAN * LONGEST_SPAN,
-                });
+            Method::Classical => {
+                let (rate, span) = (bounds.rate, bounds.rate * case.duration());
+                let (end, limit) = (case.end, LONGEST_SPAN * LONGEST_SPAN);
+                if span > limit {
+                    return Err(Error::TooLong {
+                        end,
+                        rate,
+                        quantity: "that rate is",
+                        span,
+                        limit,
+                    });
+                }
+                None
             }
-            Method::Classical => None,
         };
-        let steps: Vec<usize> =
-            (case.legs().iter()).map(|&leg| propagate::steps(&case.propagator, leg)).collect();
-        let longest = (case.legs().iter().zip(&steps))
-            .map(|(leg, &steps)| leg / steps as f64)
-            .fold(0.0, f64::max);
-        let steps = steps.iter().sum();
+        let (mut steps, mut longest) = (0, 0.0f64);
+        for leg in case.legs() {
+            let of_leg = propagate::steps(&case.propagator, leg);
+            longest = longest.max(leg / of_leg as f64);
+            steps += of_leg;
+        }
         let work = PlannedWork { case, bounds: &bounds, warp: warp.as_ref() };
         let layout = Layout::new(work, resources)?;
         Ok(Self {
@@ -398,12 +402,10 @@ impl Plan {
             writeln!(f, "reduced         {line}")?;
         }
         let b = &self.bounds;
-        let mut scene = vec![if b.jumps { "jumps" } else { "no jump" }];
-        scene.push(if b.inflow { "inflow" } else { "no inflow" });
-        if b.weighted {
-            scene.push("dissipative weights");
-        }
-        writeln!(f, "scene           {}", scene.join(", "))?;
+        let jumps = if b.jumps { "jumps" } else { "no jump" };
+        let inflow = if b.inflow { "inflow" } else { "no inflow" };
+        let weights = if b.weighted { ", dissipative weights" } else { "" };
+        writeln!(f, "scene           {jumps}, {inflow}{weights}")?;
         if b.stages > 0 {
             writeln!(f, "time            {} steps of two exponentials", b.stages / 2)?;
         }

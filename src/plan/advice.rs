@@ -99,8 +99,6 @@ impl Advice {
     ) -> Self {
         let limit = resources.memory_per_rank;
         let (work, ranks) = (plan.work(case), plan.layout.mesh.ranks());
-        let nodes = node.map(|node| node.count(ranks));
-        let full = node.map(|node| node.filled(ranks, plan.memory()));
         let memory = limit.unwrap_or(here);
         let known = Resources { memory_per_rank: Some(memory), ..resources.clone() };
         let (largest_points, largest_points_mesh) =
@@ -110,8 +108,8 @@ impl Advice {
             meshes: mesh_candidates(case, plan, resources),
             row_applications: plan.layout.cost(work) * cells_of_fields,
             node,
-            nodes,
-            memory_per_node: full,
+            nodes: node.map(|node| node.count(ranks)),
+            memory_per_node: node.map(|node| node.filled(ranks, plan.memory())),
             largest_points,
             largest_points_mesh,
             largest_points_memory: memory,

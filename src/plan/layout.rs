@@ -182,15 +182,12 @@ impl Layout {
             Some(space) => vec![mesh_of(grid, space, resources.ranks).ok()?],
             None => meshes(grid, resources.ranks).collect(),
         };
-        let mut best: Option<(usize, ProcessMesh)> = None;
-        for mesh in meshes {
+        let most = |mesh: ProcessMesh| {
             let memory = |points| memory_of_points(work, &mesh, points);
-            let most = most_points(MOST_POINTS, limit, memory);
-            if let Some(points) = most.filter(|n| best.as_ref().is_none_or(|(m, _)| n > m)) {
-                best = Some((points, mesh));
-            }
-        }
-        best
+            Some((most_points(MOST_POINTS, limit, memory)?, mesh))
+        };
+        // Of equal numbers that of the fewest blocks: the last one counts.
+        meshes.into_iter().rev().filter_map(most).max_by_key(|(points, _)| *points)
     }
 
     /// The modes of each mode group, ascending.
@@ -206,10 +203,7 @@ impl Layout {
     /// Modelled time of the slowest group, in applications of a mode on the whole grid.
     pub(crate) fn cost(&self, work: PlannedWork<'_>) -> f64 {
         let costs = self.groups.iter().map(|group| balance::cost(group));
-        let group = match work.warp {
-            Some(_) => costs.max().unwrap_or(0) as f64,
-            None => 1.0,
-        };
+        let group = work.warp.map_or(1.0, |_| costs.max().unwrap_or(0) as f64);
         let BlockRows { own, exchange } = self.rows(work);
         group * (own + exchange) / work.case.space.cells() as f64
     }
@@ -294,11 +288,10 @@ fn fewer_points(work: PlannedWork<'_>, given: bool, resources: &Resources) -> St
 /// The largest even number from 2 to `most` whose `memory`, which does not decrease, is within
 /// `limit`.
 fn most_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option<usize> {
-    let fits = |half: usize| memory(2 * half) <= limit;
     let (mut low, mut high) = (0, most / 2 + 1);
     while high - low > 1 {
         let middle = low.midpoint(high);
-        if fits(middle) {
+        if memory(2 * middle) <= limit {
             low = middle;
         } else {
             high = middle;

@@ -67,7 +67,6 @@ pub fn rank_modes_bytes(rows: u64, modes: u64) -> u64 {
 /// A case, and the part of its plan that is the same for any ranks.
 #[derive(Clone, Copy, Debug)]
 pub struct PlannedWork<'a> {
-    /// The case.
     pub case: &'a Case,
     /// Bounds on its generator.
     pub bounds: &'a Bounds,
@@ -142,9 +141,7 @@ struct FullestRank<'a> {
     cells: u64,
     /// Ghosts of the block.
     ghosts: u64,
-    /// Auxiliary unknowns.
     auxiliary: u64,
-    /// Rows with inflow.
     inflow_rows: u64,
     /// Bytes of the sources of a time-dependent inflow.
     sources: u64,
@@ -193,9 +190,7 @@ impl<'a> FullestRank<'a> {
 
     /// Bytes of the result's cells that a rank keeps after the sums are shared among mode groups.
     fn share(&self) -> u64 {
-        let first = &self.case.space.x[0];
-        let layers = largest_part(first, self.mesh.space[0]) as u64;
-        self.cells / layers * largest_share(first, self.mesh)
+        largest_share(self.cells, &self.case.space.x[0], self.mesh)
     }
 
     /// The program and its libraries.
@@ -434,12 +429,10 @@ impl<'a> FullestRank<'a> {
         if shown == case.space {
             return None;
         }
-        let cells = self.cells_on(&shown);
-        let layers = largest_part(&shown.x[0], mesh.space[0]) as u64;
         // A single layer of cells is not divided among the groups.
         let groups = mesh.groups.min(case.space.x[0].cells);
         let mesh = ProcessMesh { space: mesh.space.clone(), groups };
-        let share = cells / layers * largest_share(&shown.x[0], &mesh);
+        let share = largest_share(self.cells_on(&shown), &shown.x[0], &mesh);
         let times = 1 + case.shown_times().filter(|t| t.fields).count() as u64;
         Some(NamedBytes::new("results as shown", 8 * self.fields() * times * share))
     }
@@ -533,10 +526,12 @@ fn inflow_rows(case: &Case, bounds: &Bounds, cells: u64) -> u64 {
     }
 }
 
-/// Cells along the first space axis of the largest share that a rank has of its block.
-fn largest_share(axis: &Axis, mesh: &ProcessMesh) -> u64 {
+/// Cells of the largest share that a rank has of its block of `cells` cells, which the mode groups
+/// divide along `axis`, the first one of space.
+fn largest_share(cells: u64, axis: &Axis, mesh: &ProcessMesh) -> u64 {
+    let layers = largest_part(axis, mesh.space[0]) as u64;
     let elements = axis.elements().div_ceil(mesh.space[0]).div_ceil(mesh.groups);
-    (elements * axis.nodes.count()) as u64
+    cells / layers * (elements * axis.nodes.count()) as u64
 }
 
 /// Entries of a row of `(S, K)` on average, without couplings to auxiliary unknowns: for degree 0

@@ -34,22 +34,9 @@ struct ChosenSetup {
 }
 
 impl ChosenSetup {
-    /// The choice that turned the case `given` into `found`: the overrides that were appended.
-    fn new(given: &Case, found: &Case, accuracy: f64) -> Self {
-        let settings = found.overrides[given.overrides.len()..].to_vec();
-        let expected_error = found.expected_error;
-        Self { accuracy, expected_error, case: checksum_of(given), settings }
-    }
-
     /// The choice in `directory`, if a run wrote one there.
     fn read(directory: &Path) -> Option<Self> {
         serde_json::from_str(&disk::read_text(&directory.join(CHOICE)).ok()?).ok()
-    }
-
-    /// Writes the choice into `directory`.
-    fn write(&self, directory: &Path) -> Result<()> {
-        disk::make(directory)?;
-        disk::write_json(&directory.join(CHOICE), self)
     }
 }
 
@@ -64,12 +51,9 @@ fn checksum_of(case: &Case) -> String {
 /// `case` with the settings that `directory` stores for it and `accuracy`; `None` if it stores
 /// none. Collective.
 pub fn stored(world: &World, case: &Case, accuracy: f64, directory: &Path) -> Option<Case> {
-    let of_file = || {
-        let found = ChosenSetup::read(directory)?;
-        let same = found.accuracy == accuracy && found.case == checksum_of(case);
-        same.then_some(found)
-    };
-    let choice = world.group().of_first_rank(|| Ok(of_file())).ok()??;
+    let same = |of: &ChosenSetup| of.accuracy == accuracy && of.case == checksum_of(case);
+    let of_file = || Ok(ChosenSetup::read(directory).filter(same));
+    let choice = world.group().of_first_rank(of_file).ok()??;
     let found = case.with_settings(choice.settings).ok()?;
     let expected_error = choice.expected_error;
     Some(Case { accuracy: Some(accuracy), expected_error, ..found })
@@ -82,8 +66,17 @@ pub fn stored(world: &World, case: &Case, accuracy: f64, directory: &Path) -> Op
 /// As [`disk::make`] and [`disk::write_json`].
 pub fn store(world: &World, given: &Case, found: &Case, directory: &Path) -> Result<()> {
     let Some(accuracy) = found.accuracy else { return Ok(()) };
-    let write = || ChosenSetup::new(given, found, accuracy).write(directory);
-    world.group().on_first_rank(write)
+    world.group().on_first_rank(|| {
+        let choice = ChosenSetup {
+            accuracy,
+            expected_error: found.expected_error,
+            case: checksum_of(given),
+            // The options that were appended.
+            settings: found.overrides[given.overrides.len()..].to_vec(),
+        };
+        disk::make(directory)?;
+        disk::write_json(&directory.join(CHOICE), &choice)
+    })
 }
 
 /// Refuses a directory with an `accuracy.json` that no run wrote. Collective.

@@ -31,7 +31,7 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::{Case, Limiter, Method};
-use crate::study::advise::grid_search::{Evidence, SchemeWithGrid};
+use crate::study::advise::grid_search::{Evidence, ReachedGrid};
 use crate::study::advise::report::{may_be_slow, warnings};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::base_case;
@@ -144,13 +144,13 @@ impl<'a> Study<'a> {
         let mut found = self.grids_by_scheme()?;
         self.wanted.clear();
         self.price_next_grids(&found, 0.0);
-        for of_scheme in &found {
-            self.add_set_ups(of_scheme)?;
+        for reached in &found {
+            self.add_set_ups(reached)?;
         }
         self.try_fluxes(&found)?;
         self.spend_rest(&mut found)?;
         let given = match found.iter().find(|found| found.scheme == SchemeChoice::of(self.case)) {
-            Some(SchemeWithGrid { scheme, reached }) => self.given_case(*scheme, reached)?,
+            Some(reached) => self.given_case(reached)?,
             None => None,
         };
         self.ended = true;
@@ -159,10 +159,10 @@ impl<'a> Study<'a> {
 
     /// Adds the set-ups of a scheme on its grid: the classical one, and that by modes if they can
     /// run it. Collective.
-    fn add_set_ups(&mut self, SchemeWithGrid { scheme, reached }: &SchemeWithGrid) -> Result<()> {
-        self.add_classical(*scheme, reached)?;
-        match scheme.limiter {
-            Limiter::None => self.add_schrodingerized(*scheme, reached),
+    fn add_set_ups(&mut self, reached: &ReachedGrid) -> Result<()> {
+        self.add_classical(reached)?;
+        match reached.scheme.limiter {
+            Limiter::None => self.add_schrodingerized(reached),
             _ => Ok(()),
         }
     }

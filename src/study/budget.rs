@@ -54,12 +54,6 @@ pub fn longer(budget: f64) -> String {
 }
 
 /// The time limit of a study, and the part of it that was used.
-///
-/// [`fits_count`](Self::fits_count) goes by counted updates alone. [`fits`](Self::fits) goes by
-/// both measures, the count and rank 0's clock. [`fits_first`](Self::fits_first) goes by this
-/// rank's clock, [`has_time_for`](Self::has_time_for) by rank 0's.
-/// [`recount`](Self::recount) allows for updates by the clock, [`aside`](Self::aside) counts them
-/// apart, and [`seconds_for`](Self::seconds_for) turns updates into seconds.
 pub struct Budget {
     all: Group,
     started: Instant,

@@ -33,7 +33,7 @@ use crate::study::chart::programme::Programme;
 use crate::study::chart::result::{Chart, mark_fronts};
 use crate::study::chart::verdict::sentences;
 use crate::study::choices::DEGREES;
-use crate::study::grids::{Grids, grid_name, of_degree, on_grid, stray_edges};
+use crate::study::grids::{grid_name, of_degree, on_grid, stray_edges};
 use crate::study::trial::refuse_start_from_file;
 use std::time::Duration;
 
@@ -53,10 +53,10 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let jumps = Bounds::new(case)?.jumps;
     let stray = stray_edges(case);
     let treated = jumps && case.has_upwind_cells();
-    let programme = Programme::new(&case.space, &Grids::new(case), treated, |space| {
+    let programme = Programme::new(case, treated, |space| {
         stray_edges(&on_grid(case, &space.elements())) <= stray
     });
-    let DegreeCases { cases, left_out } = DegreeCases::of(case);
+    let (cases, left_out) = other_degrees(case);
     let programme = programme.with_degrees(&cases);
     let mut attempts = Attempts::new(world, case, &cases, jumps, budget);
     let (compared, compared_why) = attempts.run_programme(&programme)?;
@@ -86,27 +86,30 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     Ok(chart)
 }
 
-/// The case with elements of other degrees.
-struct DegreeCases {
-    cases: Vec<Case>,
-    /// The reason why higher degrees are missing, if they are.
-    left_out: Option<String>,
+/// The `items` in their order, each once.
+fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut found = Vec::new();
+    for item in items {
+        if !found.contains(&item) {
+            found.push(item);
+        }
+    }
+    found
 }
 
-impl DegreeCases {
-    fn of(case: &Case) -> Self {
-        let others = DEGREES.filter(|degree| *degree != case.space.degree());
-        let merged = vec![false; 2 * case.space.dimension()];
-        let mut found = Self { cases: Vec::new(), left_out: None };
-        for degree in others {
-            match of_degree(case, degree, &merged) {
-                Ok(case) => found.cases.push(case),
-                Err(error) => {
-                    let why = format!("Elements of degree {degree} and more: {error}.");
-                    found.left_out.get_or_insert(why);
-                }
-            }
+/// The case with elements of other degrees, and the reason why higher degrees are missing, if they
+/// are.
+fn other_degrees(case: &Case) -> (Vec<Case>, Option<String>) {
+    let others = DEGREES.filter(|degree| *degree != case.space.degree());
+    let merged = vec![false; 2 * case.space.dimension()];
+    let mut left_out = None;
+    let found = others.filter_map(|degree| {
+        let why = |error: &_| format!("Elements of degree {degree} and more: {error}.");
+        let case = of_degree(case, degree, &merged);
+        if let Err(error) = &case {
+            left_out.get_or_insert_with(|| why(error));
         }
-        found
-    }
+        case.ok()
+    });
+    (found.collect(), left_out)
 }

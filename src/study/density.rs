@@ -7,9 +7,9 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
 use crate::problem::element::Nodes;
 use crate::problem::grid::{PhaseSpace, for_each_cell};
+use crate::run::Solution;
 use crate::run::exact::averaged_density;
 use crate::study::grids::grid_name;
-use crate::study::trial::Trial;
 
 /// The density of a trial on all of space, averaged over equal cells. Along an axis, an element of
 /// a degree above 0 has `parts` of these cells for each node. Collective.
@@ -19,11 +19,11 @@ use crate::study::trial::Trial;
 pub fn density_of(
     group: &Group,
     space: &PhaseSpace,
-    trial: &Trial,
+    trial: &Solution,
     parts: usize,
 ) -> Result<Vec<f64>> {
     let mut density = vec![0.0; space.space_cells()];
-    let mut mine = trial.moments.density.iter();
+    let mut mine = trial.results.moments.density.iter();
     for_each_cell(&trial.share, |i| {
         let index = space.space_index(i);
         if let Some(value) = mine.next() {
@@ -84,10 +84,10 @@ pub fn mean_size(density: &[f64]) -> f64 {
 /// `(V ∫f²)^½ / ∫|ρ|` with `V` the volume of the phase-space box. By Cauchy and Schwarz the
 /// relative L1 distance of densities is at most this factor times the relative l2 distance of the
 /// fields. Collective.
-pub fn spread(group: &Group, space: &PhaseSpace, trial: &Trial, density: &[f64]) -> f64 {
+pub fn spread(group: &Group, space: &PhaseSpace, trial: &Solution, density: &[f64]) -> f64 {
     let velocities = space.velocity_ranges();
     let n = space.dimension();
-    let mut values = trial.fields[0].iter();
+    let mut values = trial.results.fields[0].iter();
     let mut squares = Vec::new();
     for_each_cell(&trial.share, |i| {
         let mut sum = 0.0;

@@ -76,7 +76,7 @@ impl EndToEnd {
     ) -> Result<Self> {
         let progress = Progress::new(world.group().is_first(), "resources", UNITS).into();
         let exact = exact_of(case)?;
-        let PointOfTask { point, mean } = PointOfTask::new(world, case, &exact)?;
+        let (point, mean) = point_and_mean(world, case, &exact)?;
         let values = &exact_values(case, &exact)?;
         let at_point = DensityAtPoint { case, point, values };
         let traced = at_point.by_quadrature(accuracy);
@@ -157,7 +157,7 @@ fn classical_methods(
 ) -> Vec<ClassicalMethod> {
     let DensityTask { world, exact, accuracy, .. } = *task;
     let case = at_point.case;
-    let mut baselines = vec![fastest_stepping(upwind, accuracy)];
+    let mut baselines = Vec::from_iter(fastest_stepping(upwind, accuracy));
     let steeper = if case.is_galerkin() {
         Err(no_slopes(case))
     } else {
@@ -228,35 +228,26 @@ fn dissipative_of(case: &Case) -> Case {
     if scheme.flux == 0.0 { Case { flux: 1.0, ends: EndFlux::Open, ..scheme } } else { scheme }
 }
 
-/// The point where the density is wanted.
-struct PointOfTask {
-    point: [f64; 6],
-    /// The mean of the exact density over the box.
-    mean: f64,
-}
-
-impl PointOfTask {
-    /// The point at the first cell of `[readout]`, or where the exact density is largest.
-    /// Collective.
-    ///
-    /// # Errors
-    /// As [`exact_density`].
-    fn new(world: &World, case: &Case, exact: &Exact) -> Result<Self> {
-        let density = exact_density(&world.group(), case, exact)?;
-        let cell = match case.readout.as_ref().and_then(|readout| readout.cells.first()) {
-            Some(cell) => cell.clone(),
-            None => {
-                let largest = density.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
-                let cells: Vec<usize> = case.space.x.iter().map(|axis| axis.cells).collect();
-                indices(largest.map_or(0, |(index, _)| index), &cells)
-            }
-        };
-        let mut point = [0.0; 6];
-        for (a, &i) in cell.iter().enumerate() {
-            point[a] = case.space.x[a].inner_centre(i as i64);
+/// The point where the density is wanted, at the first cell of `[readout]` or where the exact
+/// density is largest, and the mean of that density over the box. Collective.
+///
+/// # Errors
+/// As [`exact_density`].
+fn point_and_mean(world: &World, case: &Case, exact: &Exact) -> Result<([f64; 6], f64)> {
+    let density = exact_density(&world.group(), case, exact)?;
+    let cell = match case.readout.as_ref().and_then(|readout| readout.cells.first()) {
+        Some(cell) => cell.clone(),
+        None => {
+            let largest = density.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+            let cells: Vec<usize> = case.space.x.iter().map(|axis| axis.cells).collect();
+            indices(largest.map_or(0, |(index, _)| index), &cells)
         }
-        Ok(Self { point, mean: mean_size(&density) })
+    };
+    let mut point = [0.0; 6];
+    for ((x, axis), &i) in point.iter_mut().zip(&case.space.x).zip(&cell) {
+        *x = axis.inner_centre(i as i64);
     }
+    Ok((point, mean_size(&density)))
 }
 
 /// `case` with elements of every degree, by the scheme that `of` makes of it, with its errors.
@@ -289,7 +280,7 @@ fn classical(case: &Case, integrator: Integrator, limiter: Limiter) -> Case {
 }
 
 /// The exponential integrator by the degree that takes the fewest seconds.
-fn fastest_stepping(upwind: &[Candidate], accuracy: f64) -> ClassicalMethod {
+fn fastest_stepping(upwind: &[Candidate], accuracy: f64) -> Option<ClassicalMethod> {
     const NAME: ClassicalName = ClassicalName::Exponential;
     let method = |Candidate { degree, scheme }: &Candidate| match scheme {
         Ok((scheme, found)) => stepping(NAME, found, &scheme.space, accuracy),
@@ -297,11 +288,8 @@ fn fastest_stepping(upwind: &[Candidate], accuracy: f64) -> ClassicalMethod {
             ClassicalMethod { degree: Some(*degree), ..ClassicalMethod::unavailable(NAME, why) }
         }
     };
-    let faster = |best: ClassicalMethod, next: ClassicalMethod| {
-        let [new, old] = [&next, &best].map(|method| method.seconds.or_infinite());
-        if new.total_cmp(&old).is_lt() { next } else { best }
-    };
-    upwind[1..].iter().map(method).fold(method(&upwind[0]), faster)
+    let seconds = |method: &ClassicalMethod| method.seconds.or_infinite();
+    upwind.iter().map(method).min_by(|a, b| seconds(a).total_cmp(&seconds(b)))
 }
 
 /// A grid method on `space` with these errors.

@@ -136,10 +136,8 @@ pub fn coarsened(case: &Case, most: usize) -> Case {
         let before = stray_edges(&case);
         let keeps = |case: &Case| stray_edges(case) <= before;
         let next = (axes.iter().map(halved).find(keeps)).or_else(|| axes.first().map(halved));
-        match next {
-            Some(next) => case = next,
-            None => break,
-        }
+        let Some(next) = next else { break };
+        case = next;
     }
     case
 }

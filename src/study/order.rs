@@ -83,6 +83,12 @@ impl Order {
     }
 }
 
+/// Orders as text, to two digits.
+pub fn orders_text(orders: &[f64]) -> String {
+    let all: Vec<String> = orders.iter().map(|order| format!("{order:.2}")).collect();
+    all.join(", ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

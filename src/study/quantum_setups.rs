@@ -5,7 +5,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
-use crate::problem::case::{Case, Delta};
+use crate::problem::case::Case;
 use crate::quantum::optimise::candidate::{CostedChoice, System};
 use crate::quantum::optimise::pricing::{PLANNED, planned_state};
 use crate::quantum::optimise::ranking::Ranking;
@@ -17,6 +17,7 @@ use crate::quantum::resources::{ResourceCounts, SetupComparison, UnitaryCosts, a
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::{RoughSolution, StateNorms};
+use crate::study::trial::with_delta;
 
 /// Units of progress of a system.
 const UNITS_OF_SYSTEM: usize = 4;
@@ -45,13 +46,6 @@ impl ProbedCase {
     }
 }
 
-/// Every choice that was priced.
-struct RankedSystem {
-    ranking: Ranking,
-    /// The system of the last `δ`.
-    last: ProbedCase,
-}
-
 /// All choices for `case` in the order of their cost, the unitary scheme among them if the case has
 /// one and does not use it already. Collective.
 ///
@@ -59,8 +53,7 @@ struct RankedSystem {
 /// As [`Prepared::new`].
 pub fn ranked(world: &World, case: &Case, synthesis: RotationSynthesis) -> Result<Ranking> {
     let mut progress = progress(world, case, 1);
-    let RankedSystem { ranking: Ranking(mut all), last } =
-        optimised(world, case, synthesis, &mut progress)?;
+    let (Ranking(mut all), last) = optimised(world, case, synthesis, &mut progress)?;
     let ProbedCase { prepared: Prepared { bounds, .. }, rough } = last;
     let other =
         if bounds.is_skew() { None } else { unitary(world, case, rough.norms, synthesis).ok() };
@@ -86,7 +79,7 @@ pub fn compared(
     let own = ResourceCounts::new(&prepared, state, rough.norms, synthesis)?;
     drop(prepared);
     progress.advance(UNITS_OF_SYSTEM);
-    let RankedSystem { ranking, last } = optimised(world, case, synthesis, &mut progress)?;
+    let (ranking, last) = optimised(world, case, synthesis, &mut progress)?;
     let (unitary, not_unitary) = match unitary(world, case, rough.norms, synthesis) {
         Ok(unitary) => (Some(unitary), None),
         Err(why) => (None, Some(case.reason(&why))),
@@ -94,52 +87,36 @@ pub fn compared(
     progress.advance(UNITS_OF_SYSTEM);
     let first = ranking.first();
     let first = first.map(|choice| CountedChoice::new(world, choice, last, synthesis));
-    let cheaper = CheaperSetup::new(&own, first.transpose()?);
+    let first = first.transpose()?;
     progress.finish();
-    Ok(SetupComparison {
-        cheapest: cheaper.counts,
-        cheapest_settings: cheaper.settings,
+    let of_own = SetupComparison {
+        cheapest: own.clone(),
+        cheapest_settings: None,
         own,
         unitary,
         not_unitary,
-        cheapest_is_own: cheaper.is_own,
-        own_not_taken: cheaper.own_not_taken,
+        cheapest_is_own: None,
+        own_not_taken: None,
         not_compared: ranking.not_compared(),
-    })
+    };
+    Ok(cheaper(of_own, first))
 }
 
-/// The cheaper one of a case's own set-up and the first choice.
-struct CheaperSetup {
-    counts: ResourceCounts,
-    /// The settings that make it the case's own; `None` where it is that.
-    settings: Option<SetUpSettings>,
-    /// Why it is the case's own, where it is.
-    is_own: Option<String>,
-    /// Why the case's own is not taken although it is cheaper, where that is so.
-    own_not_taken: Option<String>,
-}
-
-impl CheaperSetup {
-    fn new(own: &ResourceCounts, first: Option<CountedChoice>) -> Self {
-        let of_own = |why: String| Self {
-            counts: own.clone(),
-            settings: None,
-            is_own: Some(why),
-            own_not_taken: None,
-        };
-        let Some(CountedChoice { counts, settings }) = first else {
-            return of_own("no other set-up could be priced".to_owned());
-        };
-        let [least, least_of_first] = [own.least_gates(), counts.least_gates()];
-        let own_is_cheaper = least < least_of_first;
-        let own_not_taken = own.not_comparable().filter(|_| own_is_cheaper);
-        if own_is_cheaper && own_not_taken.is_none() {
-            return of_own(format!(
-                "{least:.3e} gates, {least_of_first:.3e} by the cheapest choice"
-            ));
-        }
-        Self { counts, settings: Some(settings), is_own: None, own_not_taken }
+/// The comparison `of_own`, whose cheapest set-up is the case's own, with the `first` choice unless
+/// the case's own is cheaper.
+fn cheaper(of_own: SetupComparison, first: Option<CountedChoice>) -> SetupComparison {
+    let is_own = |of_own, why| SetupComparison { cheapest_is_own: Some(why), ..of_own };
+    let Some(CountedChoice { counts, settings }) = first else {
+        return is_own(of_own, "no other set-up could be priced".to_owned());
+    };
+    let [least, least_of_first] = [of_own.own.least_gates(), counts.least_gates()];
+    let own_is_cheaper = least < least_of_first;
+    let own_not_taken = of_own.own.not_comparable().filter(|_| own_is_cheaper);
+    if own_is_cheaper && own_not_taken.is_none() {
+        let why = format!("{least:.3e} gates, {least_of_first:.3e} by the cheapest choice");
+        return is_own(of_own, why);
     }
+    SetupComparison { cheapest: counts, cheapest_settings: Some(settings), own_not_taken, ..of_own }
 }
 
 /// The counts of a choice, and the settings that make it the case's own set-up.
@@ -199,7 +176,8 @@ fn unitary(
     Ok(UnitaryCosts::new(&accesses, case.tolerance, norms.no_start()))
 }
 
-/// Every choice of profile, parameter, recovery point and `δ`, the cheapest first. Collective.
+/// Every choice of profile, parameter, recovery point and `δ`, the cheapest first, and the system of
+/// the last `δ`. Collective.
 ///
 /// # Errors
 /// As [`Prepared::new`].
@@ -208,7 +186,7 @@ fn optimised(
     case: &Case,
     synthesis: RotationSynthesis,
     progress: &mut Progress,
-) -> Result<RankedSystem> {
+) -> Result<(Ranking, ProbedCase)> {
     let case = scheme_of(case);
     let mut all = Vec::new();
     let largest = if case.enters() { largest_inflow(world, &case)? } else { 0.0 };
@@ -231,7 +209,7 @@ fn optimised(
         last = Some(ProbedCase { prepared, rough });
     }
     let last = last.ok_or_else(|| Error::Input(format!("{}: no delta is tried", case.name)))?;
-    Ok(RankedSystem { ranking: Ranking::new(all), last })
+    Ok((Ranking::new(all), last))
 }
 
 /// The largest `|b|` over the rows of all ranks. Collective.
@@ -243,11 +221,4 @@ fn largest_inflow(world: &World, case: &Case) -> Result<f64> {
     let inflow = prepared.system.matrix.inflow.iter();
     let largest = inflow.flat_map(|aux| aux.values).fold(0.0, |m: f64, b| m.max(b.abs()));
     Ok(prepared.communicator.space.max(largest))
-}
-
-/// `case` with another `δ`.
-fn with_delta(case: &Case, delta: Delta) -> Case {
-    let mut case = case.clone();
-    case.warp.delta = delta;
-    case
 }

@@ -97,33 +97,6 @@ pub struct RankCost {
     pub recommended: bool,
 }
 
-impl RankCost {
-    /// The cost of a run on `ranks` ranks by `plan`, with its time alone: it is not compared with
-    /// other numbers of ranks yet.
-    fn new(
-        ranks: usize,
-        node: Option<MachineNode>,
-        plan: Plan,
-        time: f64,
-        seconds: Option<f64>,
-    ) -> Self {
-        Self {
-            ranks,
-            time,
-            core_hours: seconds.map(|seconds| ranks as f64 * seconds / 3600.0),
-            seconds,
-            efficiency: 1.0,
-            memory: plan.memory(),
-            nodes: node.map(|node| node.count(ranks)),
-            memory_per_node: node.map(|node| node.filled(ranks, plan.memory())),
-            worth_it: false,
-            recommended: false,
-            mode_groups: plan.layout.mesh.groups,
-            space_blocks: plan.layout.mesh.space,
-        }
-    }
-}
-
 /// A line of the table: a number of ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
@@ -187,13 +160,21 @@ impl RankTable {
             };
             let time = time_of(&plan);
             let seconds = reference.map(|_| time);
-            let first = *first_time.get_or_insert(time);
-            let cost = RankCost::new(ranks, node, plan, time, seconds);
+            let memory = plan.memory();
             lines.push(RankLine::Planned(RankCost {
-                time: time / first,
+                ranks,
+                mode_groups: plan.layout.mesh.groups,
+                space_blocks: plan.layout.mesh.space,
+                time: time / *first_time.get_or_insert(time),
+                core_hours: seconds.map(|seconds| ranks as f64 * seconds / 3600.0),
+                seconds,
                 efficiency: worth.efficiency(ranks, time),
+                memory,
+                nodes: node.map(|node| node.count(ranks)),
+                memory_per_node: node.map(|node| node.filled(ranks, memory)),
                 worth_it: worth.includes(ranks, time),
-                ..cost
+                // Known once all are compared.
+                recommended: false,
             }));
         }
         if let (None, Some(error)) = (first_time, last_error) {

@@ -73,15 +73,12 @@ impl MeasuredSpectra {
     /// [`Error::Memory`] before anything is computed if a grid does not fit; as [`Prepared::new`].
     pub fn new(world: &World, case: &Case, refine: &[usize], steps: usize) -> Result<Self> {
         let grids: Vec<Case> = (refine.iter()).map(|&factor| refined(case, factor)).collect();
-        let mut plans = Vec::new();
-        for case in &grids {
-            plans.push(plan(world, case)?);
-        }
+        let plans = grids.iter().map(|case| plan(world, case)).collect::<Result<Vec<_>>>()?;
         let mut found = Vec::new();
         for ((case, ProvisionalPlan { bounds, plan }), &refinement) in
             grids.iter().zip(&plans).zip(refine)
         {
-            let grows = law_of(case.interface).may_grow();
+            let may_grow = bounds.jumps && law_of(case.interface).may_grow();
             let systems = match (case.enters(), case.varies()) {
                 (false, _) => vec![(MeasuredSystem::Closed, case.clone())],
                 // If inflow depends on time, so does the spectrum of the augmented system.
@@ -93,10 +90,7 @@ impl MeasuredSpectra {
                     ]
                 }
             };
-            for weighted in [false, true] {
-                if weighted && !(bounds.jumps && grows) {
-                    continue;
-                }
+            for weighted in [false, true].into_iter().filter(|weighted| may_grow || !weighted) {
                 let bounds = Bounds { weighted, ..bounds.clone() };
                 for (system, case) in &systems {
                     let measured = SystemOnGrid { refinement, system: *system, case };

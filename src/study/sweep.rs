@@ -223,7 +223,7 @@ impl Sweep {
                 }
                 Err(error) => error,
             };
-            let too_late = is_too_late(world, &error);
+            let too_late = world.group().any(matches!(error, Error::WallTime { .. }));
             if error.leaves_files_open() || (too_late && computed == 0) {
                 return Err(error);
             }
@@ -319,11 +319,6 @@ fn reason_text(error: &Error) -> String {
         Error::Stopped { why, .. } | Error::SweepStopped { why, .. } => why.clone(),
         other => other.to_string(),
     }
-}
-
-/// Whether the wall time was too short for a run. Collective.
-fn is_too_late(world: &World, error: &Error) -> bool {
-    world.group().any(matches!(error, Error::WallTime { .. }))
 }
 
 /// The reason why no further run may begin: any rank received a signal, or the wall time is over.

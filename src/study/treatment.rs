@@ -16,13 +16,9 @@ pub struct Treatment {
 impl Treatment {
     /// All treatments: each law without weights, then each law that allows growth with them.
     pub fn all() -> Vec<Self> {
-        let of_law = |interface| {
-            let weighted = [false, true]
-                .into_iter()
-                .filter(move |weights| !weights || law_of(interface).may_grow());
-            weighted.map(move |weights| Self { interface, weights })
-        };
-        Interface::ALL.into_iter().flat_map(of_law).collect()
+        let of_law = |interface| [false, true].map(|weights| Self { interface, weights });
+        let all = Interface::ALL.into_iter().flat_map(of_law);
+        all.filter(|treatment| !treatment.weights || treatment.has_growing_law()).collect()
     }
 
     /// All treatments, as [`all`](Self::all), with those that prevent growth first.
@@ -44,8 +40,7 @@ impl Treatment {
 
     /// `case` with this treatment.
     pub fn of(self, case: &Case) -> Case {
-        let mut case = case.clone();
-        case.interface = self.interface;
+        let mut case = Case { interface: self.interface, ..case.clone() };
         case.warp.weights = self.weights;
         case
     }

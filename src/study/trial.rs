@@ -2,54 +2,29 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::memory;
-use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
-use crate::plan::Plan;
 use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod, Warp};
 use crate::results::summary::Summary;
 use crate::run::{Solution, solve};
-use std::ops::Range;
 
 /// Steps of a run that only compare its result with others.
 const COMPARISONS: [&str; 3] = ["exact", "verify", "readout"];
 
-/// The result of a trial.
-pub struct Trial {
-    /// The summary of the run; `memory_peak_bytes_per_rank` is that of this trial alone.
-    pub summary: Summary,
-    /// The plan of the run.
-    pub plan: Plan,
-    /// Seconds without the comparisons with other results.
-    pub seconds: f64,
-    /// Space cells of this rank, one range for each x-axis; may be empty.
-    pub share: Vec<Range<usize>>,
-    /// Every field at `T` on these cells, with velocities fastest.
-    pub fields: Vec<Vec<f64>>,
-    /// Moments on these cells.
-    pub moments: Moments,
-}
-
-/// Runs `case` without writing files or console output. Collective.
+/// Runs `case` without writing files or console output; `memory_peak_bytes_per_rank` is that of
+/// this trial alone. Collective.
 ///
 /// # Errors
 /// As [`crate::run::solve`].
-pub fn trial(world: &World, case: &Case) -> Result<Trial> {
+pub fn trial(world: &World, case: &Case) -> Result<Solution> {
     memory::reset_peak();
-    let case = Case {
-        // Comparisons need the values on the whole grid.
-        expand: true,
-        ..case.clone()
-    };
-    let Solution { summary, plan, share, results, .. } = solve(world, &case)?;
+    // Comparisons need the values on the whole grid.
+    solve(world, &Case { expand: true, ..case.clone() })
+}
+
+/// Seconds of a trial without the comparisons with other results.
+pub fn seconds_of_result(summary: &Summary) -> f64 {
     let compared: f64 = (COMPARISONS.iter()).filter_map(|step| summary.seconds.get(*step)).sum();
-    Ok(Trial {
-        seconds: summary.wall_seconds - compared,
-        summary,
-        plan,
-        share,
-        fields: results.fields,
-        moments: results.moments,
-    })
+    summary.wall_seconds - compared
 }
 
 /// `case` with no output but the fields at its end.
@@ -83,6 +58,11 @@ pub fn refuse_start_from_file(case: &Case, why: &str) -> Result<()> {
 pub fn plan_series(warp: &mut Warp) {
     (warp.interval, warp.points, warp.recovery) = (None, None, None);
     (warp.coefficients, warp.delta) = (Coefficients::Analytic, Delta::Planned);
+}
+
+/// `case` with another coupling `δ` of the inflow.
+pub fn with_delta(case: &Case, delta: Delta) -> Case {
+    Case { warp: Warp { delta, ..case.warp.clone() }, ..case.clone() }
 }
 
 /// A propagator that takes `steps` equal steps over `duration`, or none.

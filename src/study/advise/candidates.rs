@@ -8,7 +8,7 @@ use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::grid_search::{
-    DISCRETISATION, DensityError, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid, error_on,
+    DISCRETISATION, DensityError, Evidence, GridSearch, ReachedGrid, error_on,
 };
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
@@ -49,12 +49,11 @@ struct ToleranceTrial {
 
 impl Study<'_> {
     /// The report of the set-up `target` on the grid `reached`, without its cost.
-    fn entry(&mut self, target: &Case, scheme: SchemeChoice, reached: &ReachedGrid) -> SetupReport {
+    fn entry(&mut self, target: &Case, reached: &ReachedGrid) -> SetupReport {
+        let scheme = reached.scheme;
         let vanished = vanished_region(target);
-        let wanted_budget = match vanished {
-            None => self.wanted.get(&scheme).copied().filter(|_| reached.is_open()),
-            Some(_) => None,
-        };
+        let is_open = vanished.is_none() && reached.is_open();
+        let wanted_budget = self.wanted.get(&scheme).copied().filter(|_| is_open);
         let without_order = wanted_budget.filter(|_| reached.order.pairs.is_empty());
         let refused = vanished
             .or_else(|| without_order.map(|budget| not_compared(reached, budget)))
@@ -152,14 +151,11 @@ impl Study<'_> {
         planning::plan(self.world, case, &Resources::here(self.world))
     }
 
-    /// Adds the classical set-up of `scheme`. Collective.
-    pub(super) fn add_classical(
-        &mut self,
-        scheme: SchemeChoice,
-        reached: &ReachedGrid,
-    ) -> Result<()> {
+    /// Adds the classical set-up on the grid `reached`. Collective.
+    pub(super) fn add_classical(&mut self, reached: &ReachedGrid) -> Result<()> {
+        let scheme = reached.scheme;
         let target = scheme.classical(&self.trials.degree_case(scheme).base, &reached.shape);
-        let mut entry = self.entry(&target, scheme, reached);
+        let mut entry = self.entry(&target, reached);
         let plan = self.plan(&mut entry, &target);
         if plan.is_some() && self.trials.has_run(scheme, &reached.shape) {
             entry.seconds = Some(self.trials.run(scheme, &reached.shape)?.seconds);
@@ -171,26 +167,21 @@ impl Study<'_> {
 
     /// The grid on which tolerances are tried: of all grids of the search but the last, the finest
     /// one on which a run by modes takes a small part of the budget. Collective.
-    fn grid_for_tolerance(
-        &self,
-        scheme: SchemeChoice,
-        reached: &ReachedGrid,
-    ) -> Result<Vec<usize>> {
+    fn grid_for_tolerance(&self, reached: &ReachedGrid) -> Vec<usize> {
         let allowed = SCHRODINGERIZATION * self.request.accuracy;
+        let base = &self.trials.degree_case(reached.scheme).base;
         for grid in reached.grids.iter().rev().skip(1) {
-            let base = &self.trials.degree_case(scheme).base;
-            let mut case = scheme.schrodingerized(base, &grid.shape);
+            let mut case = reached.scheme.schrodingerized(base, &grid.shape);
             case.tolerance = allowed.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE);
             let case = self.trials.merged(&case);
             let found = ProvisionalPlan::new(&case, &Resources::here(self.world));
             let is_small =
                 |plan: Plan| (self.trials.budget).fits_count(mode_updates(&case, &plan), FOR_MODES);
             if found.map(|found| found.plan).is_ok_and(is_small) {
-                return Ok(grid.shape.clone());
+                return grid.shape.clone();
             }
         }
-        let coarsest = reached.grids.first().map_or(&reached.shape, |grid| &grid.shape);
-        Ok(coarsest.clone())
+        reached.first().to_vec()
     }
 
     /// A tolerance with which Schrödingerization adds at most [`SCHRODINGERIZATION`] of the
@@ -223,13 +214,10 @@ impl Study<'_> {
         Ok(ToleranceTrial { tolerance, measured, bound })
     }
 
-    /// Adds the set-up of `scheme` by Schrödingerization. Collective.
-    pub(super) fn add_schrodingerized(
-        &mut self,
-        scheme: SchemeChoice,
-        reached: &ReachedGrid,
-    ) -> Result<()> {
-        let coarse = self.grid_for_tolerance(scheme, reached)?;
+    /// Adds the set-up by Schrödingerization on the grid `reached`. Collective.
+    pub(super) fn add_schrodingerized(&mut self, reached: &ReachedGrid) -> Result<()> {
+        let scheme = reached.scheme;
+        let coarse = self.grid_for_tolerance(reached);
         let found = match self.tolerance(scheme, &coarse) {
             Ok(found) => found,
             Err(error) => {
@@ -250,7 +238,7 @@ impl Study<'_> {
                 rounded_down((found.tolerance * narrower).max(SMALLEST_TOLERANCE))
             }
         };
-        let mut entry = self.entry(&target, scheme, reached);
+        let mut entry = self.entry(&target, reached);
         entry.tolerance = Some(target.tolerance);
         entry.parts.schrodingerization =
             found.measured.into_iter().chain(found.bound).reduce(f64::max);
@@ -300,20 +288,17 @@ impl Study<'_> {
 
     /// Tries other fluxes between elements for the set-up of least work by each method, on grids
     /// near its own, unless that grid is extrapolated. Collective.
-    pub(super) fn try_fluxes(&mut self, found: &[SchemeWithGrid]) -> Result<()> {
+    pub(super) fn try_fluxes(&mut self, found: &[ReachedGrid]) -> Result<()> {
         self.share = 1.0;
         for method in [Method::Schrodingerized, Method::Classical] {
             let can = self.candidates.iter().map(|candidate| &candidate.entry);
             let can = can.filter(|e| e.method == method && e.refused.is_none());
             let best = can.min_by(|a, b| a.work().total_cmp(&b.work())).map(|e| e.name.clone());
-            let is_best =
-                |scheme: &SchemeChoice| best.as_ref() == Some(&self.name(method, *scheme));
-            let Some(SchemeWithGrid { scheme, reached }) = found.iter().find(|found| {
-                is_best(&found.scheme) && found.reached.known != Evidence::Extrapolated
-            }) else {
-                continue;
-            };
-            for scheme in scheme.other_fluxes(self.trials.degree_case(*scheme).base.flux) {
+            let is_best = |of: &&ReachedGrid| best.as_ref() == Some(&self.name(method, of.scheme));
+            let mut tried = found.iter().filter(|of| of.known != Evidence::Extrapolated);
+            let Some(reached) = tried.find(is_best) else { continue };
+            let own = self.trials.degree_case(reached.scheme).base.flux;
+            for scheme in reached.scheme.other_fluxes(own) {
                 self.try_flux(method, scheme, reached)?;
             }
         }
@@ -327,13 +312,12 @@ impl Study<'_> {
         scheme: SchemeChoice,
         known: &ReachedGrid,
     ) -> Result<()> {
-        let (start, accuracy) = (&known.shape, self.request.accuracy);
-        let goal = Goal { scheme, start, balance: true, own: start, accuracy, share: 1.0 };
-        let why = match GridSearch::new(&mut self.trials, goal).near(known) {
+        let search = GridSearch::new(&mut self.trials, scheme, self.request.accuracy, 1.0);
+        let why = match search.near(known) {
             Ok(Some(reached)) if method == Method::Classical => {
-                return self.add_classical(scheme, &reached);
+                return self.add_classical(&reached);
             }
-            Ok(Some(reached)) => return self.add_schrodingerized(scheme, &reached),
+            Ok(Some(reached)) => return self.add_schrodingerized(&reached),
             Ok(None) => "no grid that reaches it was found within the budget".to_owned(),
             Err(error) => error.to_string(),
         };
@@ -341,13 +325,11 @@ impl Study<'_> {
         Ok(())
     }
 
-    /// The case as its file has it, with two errors: that of the discretisation by its own `scheme`
-    /// on its own grid, and that of its solver. `None` if they cannot be estimated. Collective.
-    pub(super) fn given_case(
-        &mut self,
-        scheme: SchemeChoice,
-        reached: &ReachedGrid,
-    ) -> Result<Option<GivenCase>> {
+    /// The case as its file has it, with two errors: that of the discretisation on its own grid by
+    /// its own scheme, whose grid is `reached`, and that of its solver. `None` if they cannot be
+    /// estimated. Collective.
+    pub(super) fn given_case(&mut self, reached: &ReachedGrid) -> Result<Option<GivenCase>> {
+        let scheme = reached.scheme;
         let shape = self.case.space.elements();
         let start = self.start(scheme);
         let tried = error_on(&mut self.trials, scheme, &shape, &reached.order, 1.0).unwrap_or(None);

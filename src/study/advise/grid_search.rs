@@ -49,27 +49,18 @@ pub enum Evidence {
     Extrapolated,
 }
 
-/// A scheme, and the grid that was found for it.
-pub(super) struct SchemeWithGrid {
-    /// The scheme.
-    pub scheme: SchemeChoice,
-    /// The grid of the scheme.
-    pub reached: ReachedGrid,
-}
-
 /// The coarsest grid on which a scheme reaches the accuracy.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug)]
 pub struct ReachedGrid {
+    pub scheme: SchemeChoice,
     /// Elements along each axis.
     pub shape: Vec<usize>,
     /// Relative L1 error of the density on it.
     pub error: f64,
-    /// The evidence for the error.
     pub known: Evidence,
     /// The order that `grids` show.
     pub order: Order,
     /// The sequence of grids.
-    #[serde(rename = "levels")]
     pub grids: Vec<MeasuredGrid>,
     /// The part of the error that is due to space, between 0 and 1; the rest is due to velocity. It
     /// follows from the changes on two grids, one twice as fine in space and one in velocity. None
@@ -128,25 +119,7 @@ impl ReachedGrid {
 pub struct DensityError {
     /// Relative L1 error of the density.
     pub error: f64,
-    /// The evidence for it.
     pub known: Evidence,
-}
-
-/// The goal of a grid search.
-#[derive(Clone, Copy)]
-pub struct Goal<'a> {
-    /// The scheme.
-    pub scheme: SchemeChoice,
-    /// Shape of the coarse grid to begin with.
-    pub start: &'a [usize],
-    /// Whether space and velocities are balanced on a coarse grid first.
-    pub balance: bool,
-    /// Shape of the case's own grid.
-    pub own: &'a [usize],
-    /// Relative L1 error of the density, at most.
-    pub accuracy: f64,
-    /// Part of the whole budget up to which trials are made.
-    pub share: f64,
 }
 
 /// Errors on a sequence of grids: against the exact solution, or by Richardson's extrapolation.
@@ -170,28 +143,23 @@ impl ErrorSequence {
 
     fn grids(&self) -> Vec<MeasuredGrid> {
         let order = self.order();
-        let error = |(k, &e): (usize, &f64)| {
-            if self.exact {
-                e
-            } else {
-                order.error(e).max(self.to_finest.get(k).copied().unwrap_or(0.0))
-            }
+        let grid = |(k, (shape, &found)): (usize, (&Vec<usize>, &f64))| {
+            let to_finest = self.to_finest.get(k).copied().unwrap_or(0.0);
+            let error = if self.exact { found } else { order.error(found).max(to_finest) };
+            MeasuredGrid { shape: shape.clone(), error }
         };
-        let errors = self.found.iter().enumerate().map(error);
-        (self.shapes.iter().zip(errors))
-            .map(|(shape, error)| MeasuredGrid { shape: shape.clone(), error })
-            .collect()
+        self.shapes.iter().zip(&self.found).enumerate().map(grid).collect()
     }
 }
 
 /// The grid after those that were tried, in the sequence of `reached`. Without an exact solution,
 /// the error of a grid takes a trial on the one after it.
-pub fn next_grid(trials: &Trials<'_>, scheme: SchemeChoice, reached: &ReachedGrid) -> Vec<usize> {
-    let grids = &trials.degree_case(scheme).grids;
+pub fn next_grid(trials: &Trials<'_>, reached: &ReachedGrid) -> Vec<usize> {
+    let grids = &trials.degree_case(reached.scheme).grids;
+    let twice = |shape: &[usize]| grids.doubled(shape, AxisGroup::All);
     match reached.grids.last() {
-        Some(last) if trials.has_exact() => grids.doubled(&last.shape, AxisGroup::All),
-        Some(last) => grids.doubled(&grids.doubled(&last.shape, AxisGroup::All), AxisGroup::All),
-        None => grids.doubled(&reached.shape, AxisGroup::All),
+        Some(last) if !trials.has_exact() => twice(&twice(&last.shape)),
+        last => twice(last.map_or(&reached.shape, |last| &last.shape)),
     }
 }
 
@@ -239,30 +207,39 @@ fn stretch(part: f64, dimension: usize, degree: usize) -> f64 {
 /// The search for the coarsest grid on which a scheme meets an accuracy.
 pub struct GridSearch<'t, 'a> {
     trials: &'t mut Trials<'a>,
-    goal: Goal<'t>,
+    scheme: SchemeChoice,
     /// Part of the whole budget that was used before the search.
     used: f64,
+    /// Part of the whole budget up to which trials are made.
+    share: f64,
     /// Error of the discretisation, at most.
     wanted: f64,
 }
 
 impl<'t, 'a> GridSearch<'t, 'a> {
-    /// The search for the grid of `goal`, before any trial.
-    pub fn new(trials: &'t mut Trials<'a>, goal: Goal<'t>) -> Self {
-        let used = trials.budget.used().min(goal.share);
-        Self { trials, goal, used, wanted: DISCRETISATION * goal.accuracy }
+    /// The search for a grid of `scheme` with this relative L1 error of the density, by trials up
+    /// to the part `share` of the whole budget, before any trial.
+    pub fn new(
+        trials: &'t mut Trials<'a>,
+        scheme: SchemeChoice,
+        accuracy: f64,
+        share: f64,
+    ) -> Self {
+        let used = trials.budget.used().min(share);
+        Self { trials, scheme, used, share, wanted: DISCRETISATION * accuracy }
     }
 
-    /// The coarsest grid on which the goal's scheme meets the accuracy, or the grid that comes
-    /// closest. Collective.
+    /// The coarsest grid on which the scheme meets the accuracy, or the grid that comes closest,
+    /// beginning with the shape `start`. Space and velocities are balanced on a coarse grid first
+    /// if `balance`. Collective.
     ///
     /// # Errors
     /// As [`Trials::run`].
-    pub fn coarsest(mut self) -> Result<ReachedGrid> {
-        let Goal { scheme, start, balance, share, .. } = self.goal;
+    pub fn coarsest(mut self, start: &[usize], balance: bool) -> Result<ReachedGrid> {
+        let scheme = self.scheme;
         let second = self.grids().doubled(start, AxisGroup::All);
         let part =
-            if balance { self.part_of_space(&second, self.share(FOR_BALANCE))? } else { None };
+            if balance { self.part_of_space(&second, self.up_to(FOR_BALANCE))? } else { None };
         let first = match part {
             Some(part) => {
                 let ratio = stretch(part, self.grids().dimension(), scheme.degree);
@@ -272,6 +249,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         };
         let sequence = self.sequence_from(first)?;
         let mut result = ReachedGrid {
+            scheme,
             shape: sequence.shapes[0].clone(),
             error: f64::NAN,
             known: Evidence::Extrapolated,
@@ -303,21 +281,23 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         }
         result = self.or_own_grid(result)?;
         self.trim(&mut result)?;
-        if let Some(part) = self.part_of_space(&result.shape, share)? {
+        if let Some(part) = self.part_of_space(&result.shape, self.share)? {
             result.part_of_space = Some(part);
         }
         Ok(result)
     }
 
-    /// A grid that meets the accuracy with the goal's flux, near `known`, the grid for another flux
-    /// of the same scheme. Order and grids are those of `known`. `None` if the budget does not hold
-    /// the trials that show it. Collective.
+    /// A grid that meets the accuracy with the scheme's flux, near `known`, the grid for another
+    /// flux of the same scheme. Order and grids are those of `known`. `None` if the budget does not
+    /// hold the trials that show it. Collective.
     ///
     /// # Errors
     /// As [`Trials::run`].
     pub fn near(mut self, known: &ReachedGrid) -> Result<Option<ReachedGrid>> {
         let Some(found) = self.error_on(&known.shape, &known.order)? else { return Ok(None) };
-        let mut result = ReachedGrid { error: found.error, known: found.known, ..known.clone() };
+        let scheme = self.scheme;
+        let mut result =
+            ReachedGrid { scheme, error: found.error, known: found.known, ..known.clone() };
         if found.error > self.wanted {
             let tried = MeasuredGrid { shape: known.shape.clone(), error: found.error };
             self.beyond(&tried, &mut result)?;
@@ -328,20 +308,20 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     }
 
     /// The part of the whole budget at which this `part` of the scheme's share is used.
-    fn share(&self, part: f64) -> f64 {
-        self.used + part * (self.goal.share - self.used)
+    fn up_to(&self, part: f64) -> f64 {
+        self.used + part * (self.share - self.used)
     }
 
     fn grids(&self) -> &Grids {
-        &self.trials.degree_case(self.goal.scheme).grids
+        &self.trials.degree_case(self.scheme).grids
     }
 
     fn distance(&mut self, coarse: &[usize], fine: &[usize]) -> Result<f64> {
-        self.trials.distance(self.goal.scheme, coarse, fine)
+        self.trials.distance(self.scheme, coarse, fine)
     }
 
     fn error_on(&mut self, shape: &[usize], order: &Order) -> Result<Option<DensityError>> {
-        error_on(self.trials, self.goal.scheme, shape, order, self.goal.share)
+        error_on(self.trials, self.scheme, shape, order, self.share)
     }
 
     /// The part of space in the error of the density. It follows from the change of the density on
@@ -351,7 +331,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
         let finer =
             [AxisGroup::Space, AxisGroup::Velocity].map(|axes| self.grids().doubled(shape, axes));
         for shape in &finer {
-            if !self.trials.affords(self.goal.scheme, shape, share)? {
+            if !self.trials.affords(self.scheme, shape, share)? {
                 return Ok(None);
             }
         }
@@ -363,16 +343,11 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// The sequence of grids that begins with `first`: finer ones until one reaches the wanted
     /// error, then coarser ones while they reach it too. Collective.
     fn sequence_from(&mut self, first: Vec<usize>) -> Result<ErrorSequence> {
-        let scheme = self.goal.scheme;
+        let scheme = self.scheme;
         let (exact, orders) = (self.trials.has_exact(), scheme.orders());
-        let mut sequence = ErrorSequence {
-            shapes: vec![first.clone()],
-            found: vec![],
-            to_finest: vec![],
-            exact,
-            orders,
-        };
-        sequence.found.extend(self.trials.error(scheme, &first)?);
+        let found = Vec::from_iter(self.trials.error(scheme, &first)?);
+        let mut sequence =
+            ErrorSequence { shapes: vec![first], found, to_finest: vec![], exact, orders };
         self.refine(&mut sequence)?;
         self.coarsen(&mut sequence)?;
         if !exact {
@@ -385,8 +360,8 @@ impl<'t, 'a> GridSearch<'t, 'a> {
 
     /// Adds finer grids to the `sequence` until one reaches the wanted error. Collective.
     fn refine(&mut self, sequence: &mut ErrorSequence) -> Result<()> {
-        let scheme = self.goal.scheme;
-        let share = self.share(FOR_LEVELS);
+        let scheme = self.scheme;
+        let share = self.up_to(FOR_LEVELS);
         let cheap = CHEAP * (share - self.used);
         while sequence.shapes.len() < MOST_LEVELS {
             let reached = sequence.grids().last().is_some_and(|grid| grid.error <= self.wanted);
@@ -417,7 +392,7 @@ impl<'t, 'a> GridSearch<'t, 'a> {
 
     /// Adds coarser grids to the `sequence` while they reach the wanted error. Collective.
     fn coarsen(&mut self, sequence: &mut ErrorSequence) -> Result<()> {
-        let scheme = self.goal.scheme;
+        let scheme = self.scheme;
         while sequence.shapes.len() < MOST_LEVELS
             && sequence.grids().first().is_some_and(|grid| grid.error <= self.wanted)
             && let Some(half) = self.grids().halved(&sequence.shapes[0])
@@ -507,15 +482,16 @@ impl<'t, 'a> GridSearch<'t, 'a> {
     /// Replaces `found` by the case's own grid, if that was tried and reaches the wanted error, and
     /// has fewer cells or `found` does not reach the error. Collective.
     fn or_own_grid(&mut self, mut found: ReachedGrid) -> Result<ReachedGrid> {
-        let (Goal { scheme, own, .. }, wanted) = (self.goal, self.wanted);
+        let (scheme, wanted) = (self.scheme, self.wanted);
+        let own = self.trials.degree_case(scheme).base.space.elements();
         let reaches = |error: f64| error <= wanted;
-        let better = !reaches(found.error) || cells(own) < cells(&found.shape);
+        let better = !reaches(found.error) || cells(&own) < cells(&found.shape);
         if better
             // No part of the budget: trials that were made cost nothing.
-            && let Some(known) = error_on(self.trials, scheme, own, &found.order, 0.0)?
+            && let Some(known) = error_on(self.trials, scheme, &own, &found.order, 0.0)?
             && reaches(known.error)
         {
-            (found.shape, found.error, found.known) = (own.to_vec(), known.error, known.known);
+            (found.shape, found.error, found.known) = (own, known.error, known.known);
         }
         Ok(found)
     }

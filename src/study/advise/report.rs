@@ -7,7 +7,7 @@ use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::advise::grid_search::Evidence;
 use crate::study::advise::setups::{AdviceReport, ErrorParts, NotCompared, SetupReport};
 use crate::study::grids::{cells, shape_text};
-use crate::study::order::Order;
+use crate::study::order::{Order, orders_text};
 use std::fmt;
 
 /// Largest number of unknowns of a grid whose shape is printed.
@@ -29,11 +29,10 @@ pub fn grid_text(shape: &[usize], degree: usize) -> String {
 
 /// Orders by pairs of grids as text, coarsest first.
 fn pairs(order: &Order) -> String {
-    if order.pairs.is_empty() {
-        return "one pair of grids".to_owned();
+    match &order.pairs[..] {
+        [] => "one pair of grids".to_owned(),
+        pairs => orders_text(pairs),
     }
-    let pairs: Vec<String> = order.pairs.iter().map(|q| format!("{q:.2}")).collect();
-    pairs.join(", ")
 }
 
 /// Warnings about the set-ups `entries`.
@@ -91,6 +90,11 @@ fn evidence(known: Evidence) -> &'static str {
     }
 }
 
+/// An error with the evidence for it and its parts.
+fn error_text(error: f64, known: Evidence, of: &ErrorParts) -> String {
+    format!("{error:.2e}, {}: {}", evidence(known), parts(of))
+}
+
 fn parts(parts: &ErrorParts) -> String {
     let mut text = match parts.space.zip(parts.velocity) {
         Some((space, velocity)) => format!("{GRID_ERROR} in x {space:.1e}, in v {velocity:.1e}"),
@@ -134,13 +138,7 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &SetupReport) -> fmt::Result {
     };
     let tolerance = entry.tolerance.map_or(String::new(), |t| format!(", tolerance {t:e}"));
     writeln!(f, "  grid    {}{computed}{tolerance}", grid_text(&entry.shape, entry.degree))?;
-    writeln!(
-        f,
-        "  error   {:.2e}, {}: {}",
-        entry.error,
-        evidence(entry.known),
-        parts(&entry.parts)
-    )?;
+    writeln!(f, "  error   {}", error_text(entry.error, entry.known, &entry.parts))?;
     let settled = if entry.order.settled { "settled" } else { "not settled" };
     writeln!(f, "  order   {:.2}, {settled} ({})", entry.order.order, pairs(&entry.order))?;
     let seconds = entry.seconds.map_or("unknown time".to_owned(), seconds_text);
@@ -171,13 +169,7 @@ impl fmt::Display for AdviceReport {
         if let Some(given) = &self.given {
             let grid = grid_text(&given.shape, given.degree);
             writeln!(f, "\nThe case as it stands: {grid}")?;
-            writeln!(
-                f,
-                "  error   {:.2e}, {}: {}",
-                given.error,
-                evidence(given.known),
-                parts(&given.parts)
-            )?;
+            writeln!(f, "  error   {}", error_text(given.error, given.known, &given.parts))?;
         }
         for (method, how) in
             [(Method::Schrodingerized, "by modes"), (Method::Classical, "classically")]

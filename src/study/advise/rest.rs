@@ -8,7 +8,7 @@
 use crate::base::error::Result;
 use crate::problem::case::{Limiter, Method};
 use crate::study::advise::Study;
-use crate::study::advise::grid_search::{Goal, GridSearch, SchemeWithGrid, next_grid};
+use crate::study::advise::grid_search::{ReachedGrid, next_grid};
 use crate::study::budget::Budget;
 
 /// The part of the counted budget that may be spent on these schemes, beyond the whole of it.
@@ -30,12 +30,12 @@ struct NextGrid {
 
 impl Study<'_> {
     /// The next grids of the schemes in `found` whose order is open, cheapest first.
-    fn next_grids(&mut self, found: &[SchemeWithGrid]) -> Vec<NextGrid> {
-        let open = found.iter().enumerate().filter(|(_, found)| found.reached.is_open());
+    fn next_grids(&mut self, found: &[ReachedGrid]) -> Vec<NextGrid> {
+        let open = found.iter().enumerate().filter(|(_, reached)| reached.is_open());
         let trials = &mut self.trials;
-        let next = |(of, SchemeWithGrid { scheme, reached }): (usize, &SchemeWithGrid)| {
-            let shape = next_grid(trials, *scheme, reached);
-            let updates = trials.updates_to_try(*scheme, &shape).unwrap_or(f64::INFINITY);
+        let next = |(of, reached): (usize, &ReachedGrid)| {
+            let shape = next_grid(trials, reached);
+            let updates = trials.updates_to_try(reached.scheme, &shape).unwrap_or(f64::INFINITY);
             NextGrid { of, shape, updates }
         };
         let mut grids: Vec<NextGrid> = open.map(next).collect();
@@ -45,7 +45,7 @@ impl Study<'_> {
 
     /// Finds the budgets that hold the next grids of schemes in `found` whose order is open, each
     /// with those that are cheaper, after trials of so many `updates`.
-    pub(super) fn price_next_grids(&mut self, found: &[SchemeWithGrid], mut updates: f64) {
+    pub(super) fn price_next_grids(&mut self, found: &[ReachedGrid], mut updates: f64) {
         for next in self.next_grids(found) {
             updates += next.updates;
             let seconds = Budget::seconds_for(updates, FOR_NEXT_GRIDS);
@@ -61,7 +61,7 @@ impl Study<'_> {
     ///
     /// # Errors
     /// As [`Study::add_set_ups`].
-    pub(super) fn spend_rest(&mut self, found: &mut [SchemeWithGrid]) -> Result<()> {
+    pub(super) fn spend_rest(&mut self, found: &mut [ReachedGrid]) -> Result<()> {
         let next_grids = self.next_grids(found);
         if next_grids.is_empty() || !self.trials.budget.is_before(LATEST) {
             return Ok(());
@@ -72,14 +72,10 @@ impl Study<'_> {
         done
     }
 
-    /// As [`spend_rest`](Self::spend_rest), for these `next_grids`.
-    fn refine_open(
-        &mut self,
-        next_grids: Vec<NextGrid>,
-        found: &mut [SchemeWithGrid],
-    ) -> Result<()> {
+    /// As [`spend_rest`](Self::spend_rest), for these `next` grids.
+    fn refine_open(&mut self, next: Vec<NextGrid>, found: &mut [ReachedGrid]) -> Result<()> {
         let (mut tried, mut spent) = (Vec::new(), 0.0);
-        for NextGrid { of, shape, updates } in next_grids {
+        for NextGrid { of, shape, updates } in next {
             let scheme = found[of].scheme;
             if !self.trials.affords(scheme, &shape, FOR_NEXT_GRIDS)? {
                 break;
@@ -92,7 +88,11 @@ impl Study<'_> {
         }
         for (k, &of) in tried.iter().enumerate() {
             let share = REST * (k + 1) as f64 / tried.len() as f64;
-            self.search_on(&mut found[of], share);
+            let (scheme, start) = (found[of].scheme, found[of].first().to_vec());
+            // A failed search does not replace the grid.
+            if let Ok(reached) = self.coarsest(scheme, &start, false, share) {
+                found[of] = reached;
+            }
         }
         self.price_next_grids(found, spent);
         self.share = REST;
@@ -108,17 +108,5 @@ impl Study<'_> {
             self.add_set_ups(&found[of])?;
         }
         Ok(())
-    }
-
-    /// Searches the grid of `found` again, on the same sequence, up to this `share` of the budget.
-    /// A failed search does not replace it. Collective.
-    fn search_on(&mut self, found: &mut SchemeWithGrid, share: f64) {
-        let (scheme, start) = (found.scheme, found.reached.first().to_vec());
-        let own = self.trials.degree_case(scheme).base.space.elements();
-        let accuracy = self.request.accuracy;
-        let goal = Goal { scheme, start: &start, balance: false, own: &own, accuracy, share };
-        if let Ok(reached) = GridSearch::new(&mut self.trials, goal).coarsest() {
-            found.reached = reached;
-        }
     }
 }

@@ -2,10 +2,10 @@
 
 use crate::base::text::choice_text;
 use crate::problem::case::{Case, Integrator, Interface, Limiter, Method};
+use crate::scheme::interface::law_of;
 use crate::study::choices::{DEGREES, Flux};
 use crate::study::grids::on_grid;
 use crate::study::order::OrderRange;
-use crate::study::treatment::Treatment;
 
 /// A semi-discrete scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -108,8 +108,7 @@ impl SchemeChoice {
         .to_owned();
         if jumps {
             name += &format!(", {} interface", choice_text(&self.interface));
-            let unweighted = Treatment { interface: self.interface, weights: false };
-            if method == Method::Schrodingerized && unweighted.may_grow() {
+            if method == Method::Schrodingerized && law_of(self.interface).may_grow() {
                 name += " and weights";
             }
         }

@@ -2,9 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Limiter, Method};
-use crate::study::advise::grid_search::{
-    DISCRETISATION, Evidence, Goal, GridSearch, ReachedGrid, SchemeWithGrid,
-};
+use crate::study::advise::grid_search::{DISCRETISATION, Evidence, GridSearch, ReachedGrid};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::setups::SkippedSetup;
 use crate::study::advise::{ROUND_OFF, Study};
@@ -19,15 +17,16 @@ const FOR_GRIDS: f64 = 0.7;
 /// Largest part of the budget that a trial of the case on its own grid may take.
 const FOR_CASE: f64 = 0.3;
 
-/// The result of the search for the grid of a scheme.
-enum SearchResult {
-    /// The grid that was found.
-    Found(ReachedGrid),
+/// The reason why there is no grid of a scheme.
+enum NoGrid {
     /// The budget does not hold a run on the first grid, which has this shape.
     BudgetTooSmall(Vec<usize>),
     /// A trial failed.
     Failed(Error),
 }
+
+/// The result of the search for the grid of a scheme.
+type SearchResult = std::result::Result<ReachedGrid, NoGrid>;
 
 /// A scheme, and the result of the search for its grid.
 struct SearchedScheme {
@@ -87,7 +86,7 @@ impl Study<'_> {
     ///
     /// # Errors
     /// The last one, if no scheme could be tried.
-    pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<SchemeWithGrid>> {
+    pub(super) fn grids_by_scheme(&mut self) -> Result<Vec<ReachedGrid>> {
         let schemes = self.schemes();
         let first = self.start(schemes[0]);
         // The first scheme is tried even if the budget holds it only roughly.
@@ -104,7 +103,7 @@ impl Study<'_> {
             // Each scheme has an equal share of the budget for grids.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
             let tried = match k {
-                0 => self.search_grid_from(scheme, &first, share),
+                0 => self.coarsest(scheme, &first, true, share).map_err(NoGrid::Failed),
                 _ => self.search_grid(scheme, share)?,
             };
             found.push(SearchedScheme { scheme, tried });
@@ -121,14 +120,14 @@ impl Study<'_> {
         if found.iter().any(|s| by_modes(&s.scheme) && !self.misses_accuracy(&s.tried)) {
             return Ok(());
         }
-        found.sort_by(|a, b| self.expected_unknowns(a).total_cmp(&self.expected_unknowns(b)));
+        found.sort_by(|a, b| Self::expected_unknowns(a).total_cmp(&Self::expected_unknowns(b)));
         for SearchedScheme { scheme, tried } in found {
-            if !by_modes(scheme) || matches!(tried, SearchResult::Failed(_)) {
+            if !by_modes(scheme) || matches!(tried, Err(NoGrid::Failed(_))) {
                 continue;
             }
             // A failed second search does not replace the result of the first.
             let more = self.search_grid(*scheme, FOR_GRIDS)?;
-            if matches!(more, SearchResult::Found(_)) {
+            if more.is_ok() {
                 *tried = more;
             }
             if !self.misses_accuracy(tried) {
@@ -142,13 +141,13 @@ impl Study<'_> {
     ///
     /// # Errors
     /// The last error, if there is no grid at all.
-    fn reached_grids(&mut self, found: Vec<SearchedScheme>) -> Result<Vec<SchemeWithGrid>> {
+    fn reached_grids(&mut self, found: Vec<SearchedScheme>) -> Result<Vec<ReachedGrid>> {
         let (mut grids, mut failure, schemes) = (Vec::new(), None, found.len());
         for SearchedScheme { scheme, tried } in found {
             let name = self.name(Method::Classical, scheme);
             match tried {
-                SearchResult::Found(reached) => grids.push(SchemeWithGrid { scheme, reached }),
-                SearchResult::BudgetTooSmall(start) => {
+                Ok(reached) => grids.push(reached),
+                Err(NoGrid::BudgetTooSmall(start)) => {
                     let grid = shape_text(&start);
                     // Each scheme has at least an equal share.
                     let updates = self.trials.updates_to_try(scheme, &start);
@@ -159,7 +158,7 @@ impl Study<'_> {
                         format!("the budget does not hold a run on {grid}; {budget} may allow it");
                     self.left_out.push(SkippedSetup::new(name, why));
                 }
-                SearchResult::Failed(error) => {
+                Err(NoGrid::Failed(error)) => {
                     self.left_out.push(SkippedSetup::new(name, &error));
                     failure = Some(error);
                 }
@@ -177,48 +176,36 @@ impl Study<'_> {
     fn search_grid(&mut self, scheme: SchemeChoice, share: f64) -> Result<SearchResult> {
         let start = self.start(scheme);
         if self.trials.affords(scheme, &start, share)? {
-            Ok(self.search_grid_from(scheme, &start, share))
+            Ok(self.coarsest(scheme, &start, true, share).map_err(NoGrid::Failed))
         } else {
-            Ok(SearchResult::BudgetTooSmall(start))
+            Ok(Err(NoGrid::BudgetTooSmall(start)))
         }
     }
 
-    /// Searches a grid as [`search_grid`](Self::search_grid) does, but from the grid `start` on.
-    /// Collective.
-    fn search_grid_from(
+    /// The coarsest grid of `scheme` that reaches the accuracy, searched from the grid `start` on
+    /// up to this part of the budget; axes are balanced first if `balance`. Collective.
+    pub(super) fn coarsest(
         &mut self,
         scheme: SchemeChoice,
         start: &[usize],
+        balance: bool,
         share: f64,
-    ) -> SearchResult {
-        let own = self.trials.degree_case(scheme).base.space.elements();
+    ) -> Result<ReachedGrid> {
         let accuracy = self.request.accuracy;
-        let goal = Goal { scheme, start, balance: true, own: &own, accuracy, share };
-        match GridSearch::new(&mut self.trials, goal).coarsest() {
-            Ok(reached) => SearchResult::Found(reached),
-            Err(error) => SearchResult::Failed(error),
-        }
+        GridSearch::new(&mut self.trials, scheme, accuracy, share).coarsest(start, balance)
     }
 
     /// Unknowns of the grid that is expected to reach the accuracy.
-    fn expected_unknowns(&self, searched: &SearchedScheme) -> f64 {
-        match &searched.tried {
-            SearchResult::Found(reached) => {
-                let nodes = (searched.scheme.degree + 1) as f64;
-                cells(&reached.shape) * nodes.powi(reached.shape.len() as i32)
-            }
-            _ => f64::INFINITY,
-        }
+    fn expected_unknowns(searched: &SearchedScheme) -> f64 {
+        let Ok(reached) = &searched.tried else { return f64::INFINITY };
+        let nodes = (searched.scheme.degree + 1) as f64;
+        cells(&reached.shape) * nodes.powi(reached.shape.len() as i32)
     }
 
     /// Whether no grid that was tried reaches the accuracy.
     fn misses_accuracy(&self, tried: &SearchResult) -> bool {
-        match tried {
-            SearchResult::Found(reached) => {
-                let wanted = DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
-                reached.known == Evidence::Extrapolated || reached.error > wanted
-            }
-            SearchResult::BudgetTooSmall(_) | SearchResult::Failed(_) => true,
-        }
+        let Ok(reached) = tried else { return true };
+        let wanted = DISCRETISATION * self.request.accuracy * (1.0 + ROUND_OFF);
+        reached.known == Evidence::Extrapolated || reached.error > wanted
     }
 }

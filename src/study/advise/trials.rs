@@ -14,7 +14,7 @@ use crate::study::budget::Budget;
 use crate::study::cost::{CostModel, TrialSeconds, planned_updates, planned_work};
 use crate::study::density::{density_of, distance, exact_density, spread};
 use crate::study::grids::{Grids, cells, of_degree};
-use crate::study::trial::trial;
+use crate::study::trial::{seconds_of_result, trial};
 use std::collections::BTreeMap;
 
 /// Updates that an application to an unknown of one mode counts as: eight modes pass through memory
@@ -285,11 +285,11 @@ impl<'a> Trials<'a> {
     /// # Errors
     /// As [`CostModel::work`].
     pub fn affords(&mut self, scheme: SchemeChoice, shape: &[usize], part: f64) -> Result<bool> {
-        let mut updates = self.updates_to_compare(scheme, shape);
         if self.has_run(scheme, shape) {
+            let updates = self.updates_to_compare(scheme, shape);
             return Ok(updates == 0.0 || self.budget.fits(updates, part));
         }
-        updates += self.updates(scheme, shape)?;
+        let updates = self.updates_to_try(scheme, shape)?;
         Ok(self.budget.fits(updates, part))
     }
 
@@ -329,7 +329,8 @@ impl<'a> Trials<'a> {
         let found = trial(self.world, &Case { exact, ..case.clone() })?;
         let group = self.world.group();
         let density = density_of(&group, &case.space, &found, CELLS_PER_NODE)?;
-        let [result, solve] = [found.seconds, found.summary.solve_seconds].map(|s| group.max(s));
+        let mine = [seconds_of_result(&found.summary), found.summary.solve_seconds];
+        let [result, solve] = mine.map(|seconds| group.max(seconds));
         let seconds = TrialSeconds { result, solve, total: result };
         self.cost.learn(&self.merged(case), &found.plan, seconds);
         let spread = spread(&group, &case.space, &found, &density);

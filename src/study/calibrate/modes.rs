@@ -7,7 +7,7 @@ use crate::matrix::observables::{MomentsOf, VelocityFactors};
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::plan::Plan;
 use crate::plan::balance::Batch;
-use crate::problem::case::{Case, Propagation};
+use crate::problem::case::Case;
 use crate::problem::legs::Leg;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::evolution::{Evolution, InitialState};
@@ -116,7 +116,7 @@ impl<'a> ModeTrials<'a> {
         let mine = &groups[self.communicator.modes.rank() % groups.len()];
         let tried = pieces(mine, self.coupling);
         let making = Instant::now();
-        let all = self.shortened(PARTS);
+        let all = ShortenedRun::new(self, PARTS);
         drop(world.agree(all.propagator(self.matrix))?);
         let making = world.max(making.elapsed().as_secs_f64());
         let nothing = repeated(&mut || self.trial(1, &[]))?.seconds;
@@ -141,13 +141,9 @@ impl<'a> ModeTrials<'a> {
         Ok(SolveTime { solve: making + seconds, application })
     }
 
-    fn shortened(&self, part: usize) -> ShortenedRun<'a> {
-        ShortenedRun::new(&self.case.propagator, self.plan, self.warp, self.schedule, part)
-    }
-
     /// Runs `batches` for a part of the time, as a full run does but for the files. Collective.
     fn trial(&mut self, part: usize, batches: &[Batch]) -> Result<TimedWork> {
-        let (short, world) = (self.shortened(part), &self.communicator.world);
+        let (short, world) = (ShortenedRun::new(self, part), &self.communicator.world);
         let mut propagator = world.agree(short.propagator(self.matrix))?;
         let mut system = Evolution {
             matrix: self.matrix,
@@ -201,15 +197,10 @@ struct ShortenedRun<'a> {
 }
 
 impl<'a> ShortenedRun<'a> {
-    /// `plan` cut down to `part` of [`PARTS`] equal parts of the time, rounded up to whole steps.
-    /// The error that a mode may have is cut down in proportion.
-    fn new(
-        propagator: &Propagation,
-        plan: &'a Plan,
-        warp: &WarpPlan,
-        schedule: Option<&Schedule>,
-        part: usize,
-    ) -> Self {
+    /// The run of `trials` cut down to `part` of [`PARTS`] equal parts of the time, rounded up to
+    /// whole steps. The error that a mode may have is cut down in proportion.
+    fn new(trials: &ModeTrials<'a>, part: usize) -> Self {
+        let &ModeTrials { case, plan, warp, schedule, .. } = trials;
         let fraction = part as f64 / PARTS as f64;
         let mut legs = warp.legs.clone();
         let mut warp = warp.clone();
@@ -241,7 +232,7 @@ impl<'a> ShortenedRun<'a> {
                 let span =
                     PropagationSpan { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
                 let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
-                let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
+                let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
                 warp.leg_work[k][l] = work;
             }
         }

@@ -8,6 +8,7 @@ use crate::base::text::time_text;
 use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::PhaseSpace;
+use crate::run::Solution;
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use crate::study::budget::Budget;
@@ -16,7 +17,7 @@ use crate::study::chart::programme::{Programme, Setting};
 use crate::study::chart::setup::{Setup, refused};
 use crate::study::choices::row_choices;
 use crate::study::cost::{CostModel, GridKey, TrialSeconds};
-use crate::study::trial::{Trial, trial};
+use crate::study::trial::{seconds_of_result, trial};
 use std::time::Instant;
 
 /// Largest part of the budget that a trial may take, so that many methods are tried.
@@ -54,17 +55,9 @@ struct ExpectedSeconds {
     at_least: bool,
 }
 
-/// The outcome of a setting.
-enum TrialOutcome {
-    LeftOut(ExpectedSeconds),
-    Refused(String),
-    Done(Box<Trial>, TrialSeconds),
-}
-
-impl TrialOutcome {
-    fn longer_than(seconds: f64) -> Self {
-        Self::LeftOut(ExpectedSeconds { seconds, at_least: true })
-    }
+/// The entry of `case` that is refused for this `reason`.
+fn refusal(case: &Case, reason: String) -> ChartEntry {
+    ChartEntry { reason: Some(reason), ..ChartEntry::of(case, Status::Refused) }
 }
 
 /// All attempts of a chart so far.
@@ -151,11 +144,13 @@ impl<'a> Attempts<'a> {
     /// The error that nothing could be run: that of the first trial that failed, or that none fits
     /// into the budget.
     fn why_nothing_ran(&mut self) -> Error {
-        let first_error = self.first_error.take();
+        if let Some(error) = self.first_error.take() {
+            return error;
+        }
         let quickest = (self.entries.iter())
-            .filter_map(|entry| entry.expected_seconds.map(|seconds| (seconds, &entry.grid)))
+            .filter_map(|entry| Some((entry.expected_seconds?, entry.grid.as_str())))
             .min_by(|a, b| a.0.total_cmp(&b.0));
-        let (seconds, grid) = quickest.map_or((0.0, ""), |(seconds, grid)| (seconds, grid));
+        let (seconds, grid) = quickest.unwrap_or((0.0, ""));
         let limit = self.budget.limit();
         let why = if seconds < limit {
             format!("no time is left for a run on {grid}, the coarsest grid")
@@ -163,14 +158,11 @@ impl<'a> Attempts<'a> {
             let seconds = time_text(seconds);
             format!("a run on {grid}, the coarsest grid, is expected to take at least {seconds}")
         };
-        let none_fits = || {
-            Error::Input(format!(
-                "{}: --budget {limit} s: {why}; fewer cells (axis.N.x.cells, axis.N.v.cells) or a \
-                 longer budget",
-                self.case.name
-            ))
-        };
-        first_error.unwrap_or_else(none_fits)
+        Error::Input(format!(
+            "{}: --budget {limit} s: {why}; fewer cells (axis.N.x.cells, axis.N.v.cells) or a \
+             longer budget",
+            self.case.name
+        ))
     }
 
     /// Seconds since the beginning, by this rank's clock.
@@ -194,25 +186,11 @@ impl<'a> Attempts<'a> {
     fn attempt(&mut self, setting: &Setting) -> ChartEntry {
         let base = self.base(&setting.space);
         let mut case = setting.apply(base, None);
-        let outcome = self.outcome(&mut case, setting).unwrap_or_else(|error| {
+        let entry = self.outcome(&mut case, setting).unwrap_or_else(|error| {
             let reason = error.to_string();
             self.first_error.get_or_insert(error);
-            TrialOutcome::Refused(reason)
+            refusal(&case, reason)
         });
-        let entry = match outcome {
-            TrialOutcome::Done(trial, seconds) => ChartEntry::done(&case, &trial, seconds),
-            TrialOutcome::Refused(reason) => {
-                ChartEntry { reason: Some(reason), ..ChartEntry::of(&case, Status::Refused) }
-            }
-            TrialOutcome::LeftOut(ExpectedSeconds { seconds, at_least }) => {
-                let coarser = self.seconds_on_coarser(setting);
-                ChartEntry {
-                    expected_seconds: Some(seconds.max(coarser)),
-                    expected_at_least: at_least || coarser > seconds,
-                    ..ChartEntry::of(&case, Status::LeftOut)
-                }
-            }
-        };
         ChartEntry {
             as_given: setting.setup == Setup::Given,
             paper: matches!(setting.setup, Setup::Paper { .. }),
@@ -226,25 +204,27 @@ impl<'a> Attempts<'a> {
     ///
     /// # Errors
     /// Those of reducing, measuring and running the case.
-    fn outcome(&mut self, case: &mut Case, setting: &Setting) -> Result<TrialOutcome> {
+    fn outcome(&mut self, case: &mut Case, setting: &Setting) -> Result<ChartEntry> {
         let setup = &setting.setup;
         if let Some(why) = refused(case) {
-            return Ok(TrialOutcome::Refused(why));
+            return Ok(refusal(case, why));
         }
+        let at_least = |seconds| ExpectedSeconds { seconds, at_least: true };
         if self.is_over() {
-            return Ok(TrialOutcome::longer_than(self.least_seconds(case)));
+            return Ok(self.left_out(case, setting, at_least(self.least_seconds(case))));
         }
         if self.with_known_reduction(case).is_none() {
             let least = self.least_seconds(case);
             if !self.budget.decide(self.fits(setup, least)) {
-                return Ok(TrialOutcome::longer_than(least));
+                return Ok(self.left_out(case, setting, at_least(least)));
             }
         }
         let mut reduced_case = self.reduce(case)?;
-        if setup.needs_bounds() {
+        // The paper's interval depends on measured bounds of the matrix.
+        if matches!(setup, Setup::Paper { .. }) {
             let least = (self.cost).overhead(&reduced_case, reduced_case.space.cells() as f64);
             if !self.budget.decide(self.fits(setup, least)) {
-                return Ok(TrialOutcome::longer_than(least));
+                return Ok(self.left_out(case, setting, at_least(least)));
             }
             let Prepared { bounds, .. } = Prepared::here(self.world, &reduced_case)?;
             *case = setting.apply(self.base(&setting.space), Some(&bounds));
@@ -254,21 +234,33 @@ impl<'a> Attempts<'a> {
         // With measured bounds the plan of the trial fails, too; without them it may succeed.
         if self.budget.decide(error.is_some() && self.cost.is_measured(&reduced_case)) {
             let reason = error.map_or(String::new(), |e| e.to_string());
-            return Ok(TrialOutcome::Refused(reason));
+            return Ok(refusal(case, reason));
         }
         // A lower bound does not show that a trial fits. One that cannot be planned fails at once.
         let known = !expected.at_least || error.is_some();
         if !self.budget.decide(known && self.fits(setup, expected.seconds)) {
-            return Ok(TrialOutcome::LeftOut(expected));
+            return Ok(self.left_out(case, setting, expected));
         }
         let (trial, seconds) = self.trial_with_seconds(&reduced_case)?;
         self.cost.learn(&reduced_case, &trial.plan, seconds);
         if self.zero.is_none() {
-            let all = trial.fields.iter().flatten();
+            let all = trial.results.fields.iter().flatten();
             let largest = all.fold(0.0, |largest, f| f64::max(largest, f.abs()));
             self.zero = Some(self.budget.group().max(largest) == 0.0);
         }
-        Ok(TrialOutcome::Done(Box::new(trial), seconds))
+        Ok(ChartEntry::done(case, &trial, seconds))
+    }
+
+    /// The entry of `case`, which is left out and expected to take this long; at least as long as
+    /// the same set-up on coarser grids.
+    fn left_out(&self, case: &Case, setting: &Setting, expected: ExpectedSeconds) -> ChartEntry {
+        let ExpectedSeconds { seconds, at_least } = expected;
+        let coarser = self.seconds_on_coarser(setting);
+        ChartEntry {
+            expected_seconds: Some(seconds.max(coarser)),
+            expected_at_least: at_least || coarser > seconds,
+            ..ChartEntry::of(case, Status::LeftOut)
+        }
     }
 
     /// Whether the budget is used up, once anything ran. Collective until it is.
@@ -325,9 +317,8 @@ impl<'a> Attempts<'a> {
         }
         match self.cost.work(case) {
             Ok(work) => {
-                let expected =
-                    ExpectedSeconds { seconds: self.cost.seconds(case, work), at_least: false };
-                (expected, None)
+                let seconds = self.cost.seconds(case, work);
+                (ExpectedSeconds { seconds, at_least: false }, None)
             }
             Err(error) => (at_least(least), Some(error)),
         }
@@ -359,12 +350,12 @@ impl<'a> Attempts<'a> {
     }
 
     /// A trial and its seconds; a quick one is repeated, and the least seconds count. Collective.
-    fn trial_with_seconds(&self, case: &Case) -> Result<(Trial, TrialSeconds)> {
-        let once = || -> Result<(Trial, [f64; 3])> {
+    fn trial_with_seconds(&self, case: &Case) -> Result<(Solution, TrialSeconds)> {
+        let once = || -> Result<(Solution, [f64; 3])> {
             let began = Instant::now();
             let trial = trial(self.world, case)?;
-            let solve = trial.summary.solve_seconds;
-            let mine = [trial.seconds, solve, began.elapsed().as_secs_f64()];
+            let [result, solve] = [seconds_of_result(&trial.summary), trial.summary.solve_seconds];
+            let mine = [result, solve, began.elapsed().as_secs_f64()];
             Ok((trial, self.budget.from_rank_zero(mine)))
         };
         let (trial, mut least) = once()?;
@@ -383,23 +374,14 @@ impl<'a> Attempts<'a> {
     /// The finest grid, up to the case's own, on which the budget holds the comparison of methods
     /// by the estimate of rank 0, and the reason if it is not the case's own. Collective.
     pub fn grid_for_comparison(&mut self, programme: &Programme) -> (PhaseSpace, Option<String>) {
-        let candidates = &programme.grids[..=programme.own];
-        let mut finest = 0;
-        let mut why = None;
-        for (k, space) in candidates.iter().enumerate().rev() {
-            let reason = self.too_expensive(&programme.profiles(space));
-            if reason.is_none() {
-                finest = k;
-                break;
-            }
-            if k == programme.own {
-                why = reason;
-            }
-        }
+        let Programme { grids, own, .. } = programme;
+        let mut reason = |k: usize| self.too_expensive(&programme.profiles(&grids[k]));
+        let why = reason(*own);
+        let coarser = |_| (0..*own).rev().find(|&k| reason(k).is_none()).unwrap_or(0);
+        let finest = why.as_ref().map_or(*own, coarser);
         let [finest] = self.budget.from_rank_zero([finest as f64]);
-        let finest = (finest as usize).min(programme.own);
-        let why = why.filter(|_| finest < programme.own);
-        (candidates[finest].clone(), why)
+        let finest = (finest as usize).min(*own);
+        (grids[finest].clone(), why.filter(|_| finest < *own))
     }
 
     /// The reason why these trials together are too expensive to compare methods on their grid.

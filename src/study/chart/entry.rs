@@ -6,10 +6,10 @@ use crate::problem::case::{
     PropagatorMethod,
 };
 use crate::quantum::probability::Probabilities;
+use crate::run::Solution;
 use crate::study::chart::setup::is_reference;
 use crate::study::cost::TrialSeconds;
 use crate::study::grids::grid_name;
-use crate::study::trial::Trial;
 use serde::Serialize;
 
 /// The name in place of a profile, for the unitary scheme, which has none.
@@ -163,7 +163,7 @@ impl ChartEntry {
     }
 
     /// The settings of `case` with the numbers of its `trial`.
-    pub fn done(case: &Case, trial: &Trial, seconds: TrialSeconds) -> Self {
+    pub fn done(case: &Case, trial: &Solution, seconds: TrialSeconds) -> Self {
         let summary = &trial.summary;
         let probability =
             |of: fn(&Probabilities) -> Option<f64>| summary.probabilities.as_ref().and_then(of);

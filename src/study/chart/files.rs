@@ -4,6 +4,7 @@ use crate::base::error::Result;
 use crate::base::table::{self, Column, ColumnValues, in_pieces};
 use crate::base::text::{counted, json_text};
 use crate::problem::exported::ExportOwner;
+use crate::study::chart::distinct;
 use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::picture::{self, MIB};
 use crate::study::chart::result::Chart;
@@ -57,19 +58,14 @@ impl Chart {
 
     /// Prints the number of settings left out, by method.
     fn left_out(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut methods: Vec<(String, Vec<&ChartEntry>)> = Vec::new();
-        for e in (self.entries.iter()).filter(|e| e.status == Status::LeftOut) {
-            let name = e.method_name();
-            match methods.iter_mut().find(|(other, _)| *other == name) {
-                Some((_, all)) => all.push(e),
-                None => methods.push((name, vec![e])),
-            }
-        }
+        let left_out = || self.entries.iter().filter(|e| e.status == Status::LeftOut);
+        let methods = distinct(left_out().map(ChartEntry::method_name));
         if methods.is_empty() {
             return Ok(());
         }
         writeln!(f, "\nleft out, with the time expected of each (all of them in chart.csv):")?;
-        for (name, all) in methods {
+        for name in methods {
+            let all: Vec<&ChartEntry> = left_out().filter(|e| e.method_name() == name).collect();
             let settings = counted(all.len(), "setting", "settings");
             writeln!(f, "  {name}: {settings}, {}", expected_seconds_text(&all))?;
         }
@@ -111,12 +107,9 @@ fn error(x: Option<f64>) -> String {
     x.map_or("-".to_owned(), |x| format!("{x:.2e}"))
 }
 
-/// A column of numbers on the terminal: its name, and the text of an entry.
-type NumberColumn = (&'static str, fn(&ChartEntry) -> String);
-
-/// Columns of numbers.
+/// Columns of numbers on the terminal: the name of each, and the text of an entry.
 #[rustfmt::skip]
-const TABLE: [NumberColumn; 7] = [
+const TABLE: [(&str, fn(&ChartEntry) -> String); 7] = [
     ("exact", |e| error(e.error_exact)),
     ("semi-discrete", |e| error(e.error_semidiscrete)),
     ("seconds", |e| e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}"))),

@@ -10,6 +10,7 @@ use crate::problem::element::LARGEST_DEGREE;
 use crate::results::draw::extent::smallest_and_largest;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Figure, Panel, PlotAxis};
+use crate::study::chart::distinct;
 use crate::study::chart::entry::{ChartEntry, PointOf};
 use crate::study::chart::programme::{CLASSICAL, TOLERANCES};
 use crate::study::chart::result::Chart;
@@ -124,13 +125,7 @@ fn has_treatment(e: &ChartEntry, treatment: Treatment) -> bool {
 
 /// Profiles of the trials, in the order in which they were tried.
 fn profiles(entries: &[&ChartEntry]) -> Vec<String> {
-    let mut found: Vec<String> = Vec::new();
-    for profile in entries.iter().filter(|e| is_planned(e)).filter_map(|e| e.profile.as_ref()) {
-        if !found.contains(profile) {
-            found.push(profile.clone());
-        }
-    }
-    found
+    distinct(entries.iter().filter(|e| is_planned(e)).filter_map(|e| e.profile.clone()))
 }
 
 /// Panels by profile: error against applications, against the tolerance, and against applications
@@ -189,8 +184,7 @@ fn by_propagator(entries: &[&ChartEntry], grid: &str) -> Panel {
     let axes = ["seconds", SEMIDISCRETE].map(PlotAxis::log);
     let mut plot = Plot::new(title, axes, entries, |e| Some([e.seconds?, e.error_semidiscrete?]));
     let first = profiles(entries).into_iter().next().unwrap_or_default();
-    let implicit = IMPLICIT_PROPAGATORS;
-    let propagators = [&EXACT_PROPAGATORS[..], &implicit].concat();
+    let propagators = [EXACT_PROPAGATORS, IMPLICIT_PROPAGATORS].concat();
     for (k, &method) in propagators.iter().enumerate() {
         plot = plot.series(&format!("{first}, {}", choice_text(&method)), Style::of(k), |e| {
             has_profile(e, &first) && has_usual_treatment(e) && e.propagator == Some(method)

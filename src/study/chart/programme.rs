@@ -5,6 +5,7 @@
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
+use crate::study::chart::distinct;
 use crate::study::chart::setup::{Modes, Setup};
 use crate::study::choices::{EXACT_PROPAGATORS, Flux, IMPLICIT_PROPAGATORS, PROFILES};
 use crate::study::grids::{AxisGroup, Grids};
@@ -24,10 +25,6 @@ pub const CLASSICAL: [(Integrator, Limiter); 5] = [
     (Integrator::SspRk3, Limiter::VanLeer),
     (Integrator::Exponential, Limiter::None),
 ];
-/// Classical methods for elements: without slopes, and without forward Euler, which is unstable at
-/// any step.
-const OF_ELEMENTS: [(Integrator, Limiter); 2] =
-    [(Integrator::SspRk3, Limiter::None), (Integrator::Exponential, Limiter::None)];
 /// Unknowns along an axis on grids of other degrees, relative to the case.
 const OF_UNKNOWNS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 /// Tolerance of every method's first trial, and on all grids.
@@ -83,16 +80,11 @@ pub struct Programme {
 }
 
 impl Programme {
-    /// The settings for a case on `space`. Finer grids have all its faces. Coarser ones have about
-    /// half and a quarter of its cells, with the edges of `V` on faces where possible; `usable`
-    /// decides whether such a grid resolves `V` as the case's own does.
-    pub fn new(
-        space: &PhaseSpace,
-        near: &Grids,
-        jumps: bool,
-        usable: impl Fn(&PhaseSpace) -> bool,
-    ) -> Self {
-        let own = space.elements();
+    /// The settings for `case`. Finer grids have all faces of its own. Coarser ones have about half
+    /// and a quarter of its cells, with the edges of `V` on faces where possible; `usable` decides
+    /// whether such a grid resolves `V` as the case's own does.
+    pub fn new(case: &Case, jumps: bool, usable: impl Fn(&PhaseSpace) -> bool) -> Self {
+        let (space, near, own) = (&case.space, Grids::new(case), case.space.elements());
         let mut grids: Vec<PhaseSpace> = Vec::new();
         for factor in FACTORS.into_iter().rev() {
             let shape = near.scaled(&own, AxisGroup::All, 1.0 / factor as f64);
@@ -121,17 +113,13 @@ impl Programme {
 
     /// Adds grids with the degrees of `cases`. Each of these is the case with elements of another
     /// degree and about as many unknowns.
-    pub fn with_degrees(mut self, cases: &[Case]) -> Self {
-        for scale in OF_UNKNOWNS {
-            for case in cases {
-                let shape = Grids::new(case).scaled(&case.space.elements(), AxisGroup::All, scale);
-                let space = case.space.with_elements(&shape);
-                if !self.others.contains(&space) {
-                    self.others.push(space);
-                }
-            }
-        }
-        self
+    pub fn with_degrees(self, cases: &[Case]) -> Self {
+        let scaled = |case: &Case, scale: f64| {
+            let shape = Grids::new(case).scaled(&case.space.elements(), AxisGroup::All, scale);
+            case.space.with_elements(&shape)
+        };
+        let of_size = |scale| cases.iter().map(move |case| scaled(case, scale));
+        Self { others: distinct(OF_UNKNOWNS.into_iter().flat_map(of_size)), ..self }
     }
 
     /// The first profile, treatment and propagator at the first tolerance.
@@ -283,9 +271,14 @@ fn on(grid: &PhaseSpace, setups: &[Setup]) -> Vec<Setting> {
     setups.iter().map(with).collect()
 }
 
+/// Classical methods; for elements without slopes, and without forward Euler, which is unstable at
+/// any step.
 fn classical(degree: usize) -> Vec<Setup> {
-    let methods = if degree == 0 { &CLASSICAL[..] } else { &OF_ELEMENTS[..] };
-    methods.iter().map(|&(integrator, limiter)| Setup::classical(integrator, limiter)).collect()
+    let of_elements = |(integrator, limiter): &(Integrator, Limiter)| {
+        *integrator != Integrator::ForwardEuler && *limiter == Limiter::None
+    };
+    let methods = CLASSICAL.into_iter().filter(|method| degree == 0 || of_elements(method));
+    methods.map(|(integrator, limiter)| Setup::classical(integrator, limiter)).collect()
 }
 
 /// `base` with every profile.
@@ -333,7 +326,7 @@ mod tests {
 
     fn programme(cells: usize, jumps: bool) -> Programme {
         let case = case(cells);
-        Programme::new(&case.space, &Grids::new(&case), jumps, |_| true)
+        Programme::new(&case, jumps, |_| true)
     }
 
     #[test]
@@ -383,7 +376,7 @@ mod tests {
         assert_eq!(found.own, 2);
         // The case's own grid is always there.
         let case = case(66);
-        let alone = Programme::new(&case.space, &Grids::new(&case), true, |_| false);
+        let alone = Programme::new(&case, true, |_| false);
         assert_eq!(cells(&alone), [66, 132, 264]);
         assert_eq!(alone.own, 0);
         // Too coarse.

@@ -1,6 +1,7 @@
 //! The result of a chart: its entries, and the Pareto fronts among them.
 
 use crate::problem::case::Method;
+use crate::study::chart::distinct;
 use crate::study::chart::entry::{ChartEntry, PointOf};
 use serde::Serialize;
 
@@ -44,14 +45,7 @@ pub fn mark_fronts(entries: &mut [ChartEntry]) {
         |e| Some([e.applications? as f64, e.error_semidiscrete?]),
         |e| Some([e.until_measured?, e.error_semidiscrete?]),
     ];
-    let mut groups: Vec<(Method, String)> = Vec::new();
-    for entry in entries.iter() {
-        let group = (entry.method, entry.grid.clone());
-        if !groups.contains(&group) {
-            groups.push(group);
-        }
-    }
-    for (method, grid) in groups {
+    for (method, grid) in distinct(entries.iter().map(|e| (e.method, e.grid.clone()))) {
         let belongs = |e: &ChartEntry| e.method == method && e.grid == grid;
         let [seconds, applications, until] = semidiscrete.map(|of| front_of(entries, belongs, of));
         for (i, entry) in entries.iter_mut().enumerate() {

@@ -71,11 +71,6 @@ impl Setup {
         Self::Classical { integrator, limiter, cfl: DEFAULT_CFL }
     }
 
-    /// Whether its case depends on measured bounds of the matrix.
-    pub fn needs_bounds(&self) -> bool {
-        matches!(self, Self::Paper { .. })
-    }
-
     /// `case` on the grid `space`, with this method. `case` has the degree of `space`. `bounds` are
     /// those of the matrix of [`Setup::Paper`], if they are known.
     pub fn apply(&self, case: &Case, space: &PhaseSpace, bounds: Option<&Bounds>) -> Case {

@@ -3,6 +3,7 @@
 use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, counted, sentence, time_text};
 use crate::problem::case::Method;
 use crate::results::draw::extent::smallest_and_largest;
+use crate::study::chart::distinct;
 use crate::study::chart::entry::{ChartEntry, PointOf, Status};
 use crate::study::chart::result::Chart;
 
@@ -196,15 +197,10 @@ fn until_measured(chart: &Chart, entries: &[&ChartEntry]) -> Option<String> {
 
 /// The profiles without a probability in the window of `p`.
 fn without_window(entries: &[&ChartEntry]) -> Option<String> {
-    let mut profiles: Vec<&str> = Vec::new();
     let without =
         |e: &&&ChartEntry| e.probability_window.is_none() && e.probability_slice.is_some();
-    for e in entries.iter().filter(without) {
-        let profile = e.profile.as_deref().unwrap_or_default();
-        if !profiles.contains(&profile) {
-            profiles.push(profile);
-        }
-    }
+    let profile = |e: &&ChartEntry| e.profile.clone().unwrap_or_default();
+    let profiles = distinct(entries.iter().filter(without).map(profile));
     (!profiles.is_empty()).then(|| {
         format!(
             "Trials by {} have no window of p whose probability is known: theirs is that of the \

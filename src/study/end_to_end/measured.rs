@@ -5,11 +5,11 @@ use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Exact};
 use crate::study::density::{density_of, distance, exact_density, spread};
 use crate::study::grids::{Grids, MOST_PLANNED_SPACE_CELLS, cells, on_grid, shape_text};
-use crate::study::order::{Order, OrderRange};
-use crate::study::trial::{final_fields_only, trial};
+use crate::study::order::{Order, OrderRange, orders_text};
+use crate::study::trial::{final_fields_only, seconds_of_result, trial};
 
 /// Grids on which errors are measured.
-const GRIDS: usize = 3;
+const GRIDS: i32 = 3;
 /// The least order of a smooth part of a solution: that of a jump.
 const ORDER_OF_JUMP: f64 = 0.5;
 /// The highest order that counts for degree 0; of a higher degree `k` it is `k + 1`.
@@ -38,12 +38,8 @@ impl MeasuredScheme {
         let group = world.group();
         let grids = Grids::new(case);
         let own = case.space.elements();
-        let mut shapes = vec![own.clone()];
-        while shapes.len() < GRIDS {
-            let part = 0.5f64.powi(shapes.len() as i32);
-            shapes.push(grids.alike(&own, part));
-        }
-        shapes.reverse();
+        let coarser = (1..GRIDS).rev().map(|k| grids.alike(&own, 0.5f64.powi(k)));
+        let shapes: Vec<Vec<usize>> = coarser.chain([own.clone()]).collect();
         if let Some(pair) = shapes.windows(2).find(|pair| pair[0] == pair[1]) {
             return Err(Error::Input(format!(
                 "{}: errors are measured on {GRIDS} grids, each half as fine as the one before, \
@@ -58,7 +54,8 @@ impl MeasuredScheme {
             let found = trial(world, &plain)?;
             let density = density_of(&group, &plain.space, &found, 1)?;
             errors.push(distance(&density, &exact_density(&group, &plain, exact)?));
-            last = (found.seconds, spread(&group, &plain.space, &found, &density));
+            let seconds = seconds_of_result(&found.summary);
+            last = (seconds, spread(&group, &plain.space, &found, &density));
         }
         let steps: Vec<f64> = shapes.windows(2).map(|pair| finer(&pair[0], &pair[1])).collect();
         let most = MOST.max(case.space.degree() as f64 + 1.0);
@@ -102,14 +99,8 @@ impl MeasuredScheme {
         let what =
             if counted > lower { "the order of a jump" } else { "the highest of the degree" };
         ((counted - lower).abs() > 1e-9)
-            .then(|| format!("the grids show {}; {counted:.2} is used, {what}", two_digits(last)))
+            .then(|| format!("the grids show {}; {counted:.2} is used, {what}", orders_text(last)))
     }
-}
-
-/// Numbers to two digits.
-pub(super) fn two_digits(numbers: &[f64]) -> String {
-    let all: Vec<String> = numbers.iter().map(|x| format!("{x:.2}")).collect();
-    all.join(", ")
 }
 
 /// The binary logarithm of the refinement from `coarse` to `fine`, the mean over the axes.

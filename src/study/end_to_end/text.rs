@@ -6,11 +6,11 @@ use crate::quantum::cost::Cost;
 use crate::quantum::cost::table::CostTable;
 use crate::quantum::labelled_number::{LabelledNumber, Trust};
 use crate::quantum::optimise::ranking::profile_text;
-use crate::study::end_to_end::measured::two_digits;
 use crate::study::end_to_end::methods::{
     ClassicalMethod, DegreeCost, EndToEnd, QuantumMethod, QuantumName,
 };
 use crate::study::grids::shape_text;
+use crate::study::order::orders_text;
 use serde_json::Value;
 use std::fmt;
 
@@ -152,7 +152,7 @@ impl QuantumMethod {
             writeln!(f, "  {:<24}relative L1 error of the density {error:.3e}", shape_text(grid))?;
         }
         if let (Some(order), Some(grid)) = (self.order, self.grids.last()) {
-            let shown = two_digits(&self.orders);
+            let shown = orders_text(&self.orders);
             writeln!(
                 f,
                 "  {:<24}needed (order of the error: {order:.2}; from grid to grid {shown})",

@@ -5,12 +5,12 @@ use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method};
 use crate::solve::prepared::Prepared;
-use crate::solve::spectrum;
+use crate::solve::spectrum::{self, SpectrumExtremes};
 use crate::study::grids::{grid_name, stray_edges};
 use crate::study::trial::final_fields_only;
 
 /// The largest number of Lanczos steps.
-pub const LANCZOS: usize = 4000;
+const LANCZOS: usize = 4000;
 
 /// `case` by modes, with no output but the fields at its end, and without comparisons.
 pub fn by_modes(case: &Case) -> Case {
@@ -68,14 +68,13 @@ pub fn assembled(world: &World, case: &Case) -> Result<Prepared> {
     Prepared::new(world, case, &Resources::unlimited(world))
 }
 
-/// `λ⁺` of an assembled case. Collective.
+/// Both ends of the spectrum of `S` of an assembled case; the highest is `λ⁺`. Collective.
 ///
 /// # Errors
 /// As [`spectrum::find`].
-pub fn growth(found: &mut Prepared) -> Result<f64> {
+pub fn extremes(found: &mut Prepared) -> Result<SpectrumExtremes> {
     let space = &found.communicator.space;
-    let (extremes, _) = spectrum::find(&mut found.system, space, LANCZOS)?;
-    Ok(extremes.highest.value)
+    Ok(spectrum::find(&mut found.system, space, LANCZOS)?.0)
 }
 
 #[cfg(test)]

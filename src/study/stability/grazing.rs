@@ -30,17 +30,14 @@ use crate::base::error::{Error, Result};
 use crate::base::random::evenly_spread;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Interface};
-use crate::problem::grid::PhaseSpace;
 use crate::problem::grid::for_each_cell;
 use crate::problem::potential::Potential;
 use crate::scheme::interface::{sources, velocity};
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{
-    assembled, grid_notes, growth, refuse_elements, with_potential_times,
+    assembled, extremes, grid_notes, refuse_elements, with_potential_times,
 };
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::treatment::Treatment;
 
 /// Largest number of cells.
@@ -75,22 +72,19 @@ fn face_growth(own: f64, list: &[(f64, f64)]) -> f64 {
     high
 }
 
-/// Heights of the jumps of `V` across axis `a`, each once.
-fn jumps_across(space: &PhaseSpace, potential: &Potential, a: usize) -> Vec<f64> {
-    let mut jumps: Vec<f64> = Vec::new();
-    for_each_cell(&space.space_ranges(), |i| {
-        let jump = potential.jump_below(i, a).abs();
-        if jump > 0.0 && !jumps.contains(&jump) {
-            jumps.push(jump);
-        }
-    });
-    jumps
-}
-
-/// Heights of the jumps of `V` along each axis.
+/// Heights of the jumps of `V` across each axis, each once.
 fn all_jumps(case: &Case) -> Result<Vec<Vec<f64>>> {
     let potential = Potential::whole(case)?;
-    Ok((0..case.space.dimension()).map(|a| jumps_across(&case.space, &potential, a)).collect())
+    let mut jumps: Vec<Vec<f64>> = vec![Vec::new(); case.space.dimension()];
+    for_each_cell(&case.space.space_ranges(), |i| {
+        for (a, jumps) in jumps.iter_mut().enumerate() {
+            let jump = potential.jump_below(i, a).abs();
+            if jump > 0.0 && !jumps.contains(&jump) {
+                jumps.push(jump);
+            }
+        }
+    });
+    Ok(jumps)
 }
 
 /// `λ⁺` of rows without weights by theory: the largest over all targets behind all jumps. `None` if
@@ -152,7 +146,7 @@ fn spikes(case: &Case, jumps: &[Vec<f64>]) -> Vec<f64> {
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     let PanelTask { world, case: whole, budget } = *task;
     refuse_elements(whole)?;
     let coarse = coarsened(&whole.without_inflow(), CELLS);
@@ -168,7 +162,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         let mut found = assembled(world, &scaled)?;
         Ok(CurvePoint {
             x: factor * height,
-            measured: growth(&mut found)? * case.duration(),
+            measured: extremes(&mut found)?.highest.value * case.duration(),
             theory: expected_growth(&scaled)?.unwrap_or(f64::NAN) * case.duration(),
         })
     };

@@ -4,10 +4,10 @@ use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::Case;
 use crate::study::grids::{coarsened, refined};
-use crate::study::stability::cases::{assembled, growth, refuse_elements};
+use crate::study::stability::cases::{assembled, extremes, refuse_elements};
 use crate::study::stability::grazing::expected_growth;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelTask, nothing_tried,
 };
 use crate::study::treatment::Treatment;
 
@@ -86,7 +86,7 @@ fn sentence(curve: &Curve) -> String {
 /// `λ⁺` of `case` with this treatment, measured and by theory. Collective.
 fn growth_of(task: &PanelTask<'_>, case: &Case, treatment: Treatment) -> Result<[f64; 2]> {
     let mut found = assembled(task.world, case)?;
-    let measured = growth(&mut found)?;
+    let measured = extremes(&mut found)?.highest.value;
     let theory = match treatment {
         // S ≤ 0.
         treatment if !treatment.has_growing_law() => 0.0,
@@ -101,7 +101,7 @@ fn growth_of(task: &PanelTask<'_>, case: &Case, treatment: Treatment) -> Result<
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     refuse_elements(task.case)?;
     let start = coarsened(&task.case.without_inflow(), FEWEST);
     if !Bounds::new(&start)?.jumps && !Bounds::new(task.case)?.jumps {

@@ -1,13 +1,11 @@
 //! The step of the implicit methods: Crank–Nicolson is of second order, backward Euler of first.
 
-use crate::base::error::Error;
+use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, ProfileChoice, PropagatorMethod};
 use crate::study::choices::IMPLICIT_PROPAGATORS;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::stability::reading::plateau;
 use crate::study::trial::{plan_series, propagation};
 
@@ -62,12 +60,11 @@ struct ImplicitSteps {
 
 impl ImplicitSteps {
     /// Tries `method` with ever shorter steps. Collective.
-    fn measure(
-        task: &PanelTask<'_>,
-        case: &Case,
-        name: &'static str,
-        method: PropagatorMethod,
-    ) -> Self {
+    fn measure(task: &PanelTask<'_>, case: &Case, method: PropagatorMethod) -> Self {
+        let name = match method {
+            PropagatorMethod::BackwardEuler => "backward Euler",
+            _ => "Crank-Nicolson",
+        };
         let mut found = Self { name, method, points: Vec::new(), refused: None, most_steps: None };
         for steps in (FEWEST..=MOST).map(|power| 1u32 << power) {
             let mut case = case.clone();
@@ -135,20 +132,12 @@ impl ImplicitSteps {
     }
 }
 
-/// The name of an implicit propagator.
-fn name(method: PropagatorMethod) -> &'static str {
-    match method {
-        PropagatorMethod::BackwardEuler => "backward Euler",
-        _ => "Crank-Nicolson",
-    }
-}
-
 /// Measures the panel. Collective.
 ///
 /// # Errors
 /// [`Error::Input`] if the inflow depends on time, or no step could be tried. Errors of single
 /// trials become notes.
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     if task.case.varies() {
         let why = "the inflow depends on time: modes are stepped by a commutator-free scheme";
         return Err(Error::input(why));
@@ -157,10 +146,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
     (case.tolerance, case.verify) = (TOLERANCE, true);
     plan_series(&mut case.warp);
     (case.warp.weights, case.warp.profile) = (true, ProfileChoice::Planned);
-    let all: Vec<ImplicitSteps> = IMPLICIT_PROPAGATORS
-        .into_iter()
-        .map(|method| ImplicitSteps::measure(task, &case, name(method), method))
-        .collect();
+    let all = IMPLICIT_PROPAGATORS.map(|method| ImplicitSteps::measure(task, &case, method));
     let refused = all.iter().rev().find_map(|steps| steps.refused.clone());
     if all.iter().all(|steps| steps.points.is_empty()) {
         let none = || "no step could be tried within the budget".to_owned();

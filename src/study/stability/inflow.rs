@@ -9,14 +9,12 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::inflow::AuxiliaryRow;
-use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Delta};
 use crate::solve::prepared::Prepared;
 use crate::study::grids::coarsened;
-use crate::study::stability::cases::{assembled, grid_notes, growth};
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::cases::{assembled, extremes, grid_notes};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
+use crate::study::trial::with_delta;
 
 /// Largest number of cells.
 const CELLS: usize = 4096;
@@ -44,7 +42,7 @@ impl InflowLoss {
     /// The loss of a matrix at time `end`. Collective.
     fn of(found: &mut Prepared, end: f64) -> Result<Self> {
         let ratio = found.probe();
-        let exponent = growth(found)? * end;
+        let exponent = extremes(found)?.highest.value * end;
         let matrix = &found.system.matrix;
         let block = |aux: &AuxiliaryRow| {
             let row = aux.row as usize;
@@ -84,18 +82,15 @@ impl LossCurves {
                 break;
             }
             let delta = middle * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
-            let mut found = with_delta(task.world, case, Delta::Given(delta))?;
+            let mut found = assembled(task.world, &with_delta(case, Delta::Given(delta)))?;
             let bound = found.bounds.growth * case.duration();
-            curves.push(delta, &InflowLoss::of(&mut found, case.duration())?, bound);
+            let loss = InflowLoss::of(&mut found, case.duration())?;
+            let point = |measured: f64, theory: f64| CurvePoint { x: delta, measured, theory };
+            curves.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
+            curves.state.push(point(loss.ratio, f64::NAN));
+            curves.total.push(point(loss.total(), bound.exp() * loss.ratio));
         }
         Ok(curves)
-    }
-
-    fn push(&mut self, delta: f64, loss: &InflowLoss, bound: f64) {
-        let point = |measured: f64, theory: f64| CurvePoint { x: delta, measured, theory };
-        self.growth.push(point(loss.exponent.exp(), loss.least_exponent.exp()));
-        self.state.push(point(loss.ratio, f64::NAN));
-        self.total.push(point(loss.total(), bound.exp() * loss.ratio));
     }
 
     /// The point of least loss.
@@ -105,21 +100,11 @@ impl LossCurves {
     }
 }
 
-/// `case` with this coupling of the inflow, assembled. Collective.
-///
-/// # Errors
-/// As [`assembled`].
-fn with_delta(world: &World, case: &Case, delta: Delta) -> Result<Prepared> {
-    let mut case = case.clone();
-    case.warp.delta = delta;
-    assembled(world, &case)
-}
-
 /// Measures the panel. Collective.
 ///
 /// # Errors
 /// As [`assembled`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     let PanelTask { world, case: whole, .. } = *task;
     if !whole.enters() {
         return Err(Error::input("nothing enters"));
@@ -130,7 +115,7 @@ pub fn panel(task: &PanelTask<'_>) -> PanelResult {
         ));
     }
     let case = coarsened(whole, CELLS);
-    let mut planned = with_delta(world, &case, Delta::Planned)?;
+    let mut planned = assembled(world, &with_delta(&case, Delta::Planned))?;
     let largest =
         over_rows(&planned, |aux| aux.values.iter().fold(0.0, |m: f64, b| m.max(b.abs())));
     if largest == 0.0 {

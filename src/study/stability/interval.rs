@@ -9,11 +9,9 @@ use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
-use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask,
-};
+use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::stability::reading::{
-    SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
+    SpectrumExtent, THRESHOLD, expected, plateau, refuse_varying, switched_gaussian,
 };
 use crate::study::stability::reference::ReferenceProblem;
 
@@ -59,7 +57,7 @@ impl IntervalTrials {
     fn new(task: &PanelTask<'_>, case: &Case) -> Result<Self> {
         let mut reference = ReferenceProblem::new(task.world, case)?;
         let extent = SpectrumExtent::measured(&mut reference, case.duration())?;
-        let SwitchedGaussian { profile, room } = SwitchedGaussian::new();
+        let (profile, room) = switched_gaussian();
         Ok(Self {
             reference,
             extent,
@@ -115,7 +113,8 @@ impl IntervalTrials {
     /// The shortest interval that a run of `case` accepts with the profile that it plans, and the
     /// error there. Collective.
     fn shortest(&self, task: &PanelTask<'_>, mut case: Case) -> Result<Option<ShortestInterval>> {
-        let (far, ratio, bounds) = (self.far, self.reference.ratio, self.reference.bounds());
+        let (far, ratio, bounds) =
+            (self.far, self.reference.ratio, &self.reference.prepared.bounds);
         let accepts = |case: &mut Case, length: f64| {
             case.warp.interval = Some([far - length, far]);
             WarpPlan::modes_of(case, bounds, ratio).is_ok()
@@ -190,7 +189,7 @@ fn verdict(
 ///
 /// # Errors
 /// As [`ReferenceProblem::new`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     refuse_varying(task.case)?;
     let mut case = coarsened(task.case, CELLS);
     case.warp.weights = true;

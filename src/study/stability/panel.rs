@@ -4,10 +4,10 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::run::planning;
+use crate::run::{Solution, planning};
 use crate::study::budget::Budget;
 use crate::study::cost::planned_updates;
-use crate::study::trial::{Trial, trial};
+use crate::study::trial::trial;
 use serde::Serialize;
 
 /// The task of measuring a panel.
@@ -30,7 +30,6 @@ pub fn nothing_tried() -> Error {
 pub struct PanelContents {
     /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
-    /// The curves.
     pub curves: Vec<Curve>,
     /// The borders.
     pub borders: Vec<Border>,
@@ -39,9 +38,6 @@ pub struct PanelContents {
     /// Changes to the case and trials left out, each with the reason.
     pub notes: Vec<String>,
 }
-
-/// The contents of a panel, or why the case does not have it.
-pub type PanelResult = Result<PanelContents>;
 
 impl PanelTask<'_> {
     /// Whether the time of the panel is over. If it is, a note is added. Collective.
@@ -57,7 +53,7 @@ impl PanelTask<'_> {
     ///
     /// # Errors
     /// As [`planning::plan`] and [`trial`].
-    pub fn trial(&self, case: &Case) -> Option<Result<Trial>> {
+    pub fn trial(&self, case: &Case) -> Option<Result<Solution>> {
         if self.budget.is_over() {
             return None;
         }
@@ -196,7 +192,7 @@ pub struct PanelSpec {
     pub y: AxisScale,
     /// The measurement.
     #[serde(skip)]
-    pub measure: fn(&PanelTask<'_>) -> PanelResult,
+    pub measure: fn(&PanelTask<'_>) -> Result<PanelContents>,
 }
 
 /// A panel: measurements over one varied quantity.

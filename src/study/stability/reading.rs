@@ -17,8 +17,7 @@ use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
 use crate::schrodingerization::profile::gaussian::{Gaussian, normal_quantile};
 use crate::schrodingerization::profile::series::Series;
-use crate::solve::spectrum;
-use crate::study::stability::cases::LANCZOS;
+use crate::study::stability::cases::extremes;
 use crate::study::stability::panel::CurvePoint;
 use crate::study::stability::reference::ReferenceProblem;
 
@@ -40,10 +39,9 @@ impl SpectrumExtent {
     /// The ends of the spectrum, measured by Lanczos' method. Collective.
     ///
     /// # Errors
-    /// As [`spectrum::find`].
+    /// As [`extremes`].
     pub fn measured(reference: &mut ReferenceProblem, time: f64) -> Result<Self> {
-        let (problem, communicator) = reference.parts();
-        let (found, _) = spectrum::find(problem, &communicator.space, LANCZOS)?;
+        let found = extremes(&mut reference.prepared)?;
         Ok(Self { growth: found.highest.value * time, decay: -found.lowest.value * time })
     }
 
@@ -53,30 +51,21 @@ impl SpectrumExtent {
     }
 }
 
-/// A Gaussian profile that switches on below `p = 0`.
-pub struct SwitchedGaussian {
-    /// The profile.
-    pub profile: Gaussian,
-    /// Length below `p = 0` beyond which the profile is small.
-    pub room: f64,
-}
-
-impl SwitchedGaussian {
-    /// The profile with [`THRESHOLD`] and [`SIGMA`].
-    pub(crate) fn new() -> Self {
-        let offset = -normal_quantile(THRESHOLD) * SIGMA;
-        // Beyond the cutoff coefficients are below round-off.
-        let digits = -libm::log(THRESHOLD * f64::EPSILON);
-        let square = SIGMA * SIGMA;
-        let profile = Gaussian {
-            sigma: SIGMA,
-            offset,
-            period: 0.0,
-            cutoff: (1.0 + 2.0 * (digits - offset) / square).sqrt(),
-        };
-        let tail = square + SIGMA * (square + 2.0 * (-libm::log(THRESHOLD) - offset)).sqrt();
-        Self { profile, room: tail - offset }
-    }
+/// A Gaussian profile with [`THRESHOLD`] and [`SIGMA`] that switches on below `p = 0`, and the
+/// length below `p = 0` beyond which it is small.
+pub(crate) fn switched_gaussian() -> (Gaussian, f64) {
+    let offset = -normal_quantile(THRESHOLD) * SIGMA;
+    // Beyond the cutoff coefficients are below round-off.
+    let digits = -libm::log(THRESHOLD * f64::EPSILON);
+    let square = SIGMA * SIGMA;
+    let profile = Gaussian {
+        sigma: SIGMA,
+        offset,
+        period: 0.0,
+        cutoff: (1.0 + 2.0 * (digits - offset) / square).sqrt(),
+    };
+    let tail = square + SIGMA * (square + 2.0 * (-libm::log(THRESHOLD) - offset)).sqrt();
+    (profile, tail - offset)
 }
 
 /// The error of a reading at `p`, by theory, if the norm of the state is `ratio` times that of the

@@ -8,10 +8,10 @@ use crate::schrodingerization::profile::shape::ProfileShape;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelTask, nothing_tried,
 };
 use crate::study::stability::reading::{
-    SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
+    SpectrumExtent, THRESHOLD, expected, plateau, refuse_varying, switched_gaussian,
 };
 use crate::study::stability::reference::ReferenceProblem;
 use crate::study::treatment::Treatment;
@@ -91,7 +91,7 @@ fn read(
     case: &Case,
     notes: &mut Vec<String>,
 ) -> Result<Option<TreatmentReadings>> {
-    let SwitchedGaussian { profile, room } = SwitchedGaussian::new();
+    let (profile, room) = switched_gaussian();
     let at: Vec<f64> =
         (0..).map(|k| FROM + APART * f64::from(k)).take_while(|p| *p <= TO).collect();
     let mut reference = ReferenceProblem::new(task.world, case)?;
@@ -114,7 +114,7 @@ fn read(
         name,
         points: at.iter().zip(&errors).map(point).collect(),
         extent,
-        growth_bound: reference.bounds().growth * case.duration(),
+        growth_bound: reference.prepared.bounds.growth * case.duration(),
         // Twice the error of the profile, amplified by the recovery.
         threshold: THRESHOLD * ratio * extent.growth.max(0.0).exp() * 2.0,
     }))
@@ -124,7 +124,7 @@ fn read(
 ///
 /// # Errors
 /// As [`ReferenceProblem::new`].
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     refuse_varying(task.case)?;
     let coarse = coarsened(task.case, CELLS);
     let jumps = Bounds::new(&coarse)?.jumps;

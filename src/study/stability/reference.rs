@@ -2,8 +2,7 @@
 //! `p`, planned or not, are compared to it.
 
 use crate::base::error::Result;
-use crate::matrix::bounds::Bounds;
-use crate::parallel::communicator::{Communicator, World};
+use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, ProfileChoice, Propagation, RecoveryMethod, Shift};
@@ -13,7 +12,6 @@ use crate::run::norms::{FieldNorms, volumes_of};
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::recovery::Reading;
 use crate::solve::prepared::Prepared;
-use crate::solve::system::DiscreteSystem;
 use crate::study::trial::plan_series;
 
 /// Relative error of a mode: far below every error that a panel shows.
@@ -23,7 +21,8 @@ const TOLERANCE: f64 = 1e-6;
 
 /// The problem on this rank, and its exact fields at `T`.
 pub struct ReferenceProblem {
-    prepared: Prepared,
+    /// The assembled case, its bounds with the measured growth.
+    pub prepared: Prepared,
     resources: Resources,
     /// `f(T)` of each field, on this rank's share.
     exact: Vec<Vec<f64>>,
@@ -47,8 +46,7 @@ impl ReferenceProblem {
         case.propagator = Propagation::default();
         let resources = Resources::here(world);
         let mut prepared = Prepared::new(world, &case, &resources)?;
-        let resources =
-            Resources { ranks_x: Some(prepared.plan.layout.mesh.space.clone()), ..resources };
+        let resources = resources.on_mesh(&prepared.plan.layout.mesh);
         prepared.plan.bounds = prepared.bounds.clone();
         let mut reference = Self { prepared, resources, exact: Vec::new(), ratio: 0.0 };
         reference.propagate(case.duration());
@@ -69,16 +67,6 @@ impl ReferenceProblem {
             }
             self.exact.push(system.own_field(&rank_cells.mine, &state));
         }
-    }
-
-    /// Bounds on the generator, with the measured growth.
-    pub fn bounds(&self) -> &Bounds {
-        &self.prepared.bounds
-    }
-
-    /// The semi-discrete system, and its communicator.
-    pub fn parts(&mut self) -> (&mut DiscreteSystem, &Communicator) {
-        (&mut self.prepared.system, &self.prepared.communicator)
     }
 
     /// Updates of unknowns that propagating `series` takes: applications times unknowns.

@@ -5,15 +5,15 @@ use crate::matrix::bounds::Bounds;
 use crate::plan::ASSUMED_RATIO;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, PropagatorMethod};
-use crate::run::planning;
+use crate::run::{Solution, planning};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::study::choices::PROFILES;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{
-    Border, Curve, CurvePoint, PanelContents, PanelResult, PanelTask, nothing_tried,
+    Border, Curve, CurvePoint, PanelContents, PanelTask, nothing_tried,
 };
-use crate::study::trial::{Trial, plan_series, propagation};
+use crate::study::trial::{plan_series, propagation};
 
 /// Largest number of cells.
 const CELLS: usize = 1024;
@@ -103,7 +103,7 @@ impl ToleranceErrors {
 }
 
 /// A trial of `case`; none if the budget does not hold it. Collective.
-fn trial_within(task: &PanelTask<'_>, case: &Case) -> Result<Option<Result<Trial>>> {
+fn trial_within(task: &PanelTask<'_>, case: &Case) -> Result<Option<Result<Solution>>> {
     // With more modes even the plan takes too long.
     let modes = WarpPlan::modes_of(case, &Bounds::new(case)?, ASSUMED_RATIO);
     Ok(if modes.is_ok_and(|modes| modes > MOST_MODES) { None } else { task.trial(case) })
@@ -151,7 +151,7 @@ fn verdict(all: &[ToleranceErrors], borders: &[Border]) -> String {
 ///
 /// # Errors
 /// As [`Bounds::new`]; errors of the trials are left out.
-pub fn panel(task: &PanelTask<'_>) -> PanelResult {
+pub fn panel(task: &PanelTask<'_>) -> Result<PanelContents> {
     let mut case = coarsened(task.case, CELLS);
     case.verify = true;
     plan_series(&mut case.warp);

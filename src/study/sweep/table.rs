@@ -162,8 +162,8 @@ impl SweepTable {
 pub fn refuse_to_replace<'a>(directory: &Path, runs: impl Iterator<Item = &'a Path>) -> Result<()> {
     let runs: Vec<&OsStr> = runs.filter_map(Path::file_name).collect();
     let what = match (rows(&directory.join("table.csv")), head(&directory.join("table.tex"))) {
-        (Some(Err(())), _) => "a table.csv that no sweep wrote".to_owned(),
-        (Some(Ok(rows)), _) if rows.iter().any(|row| !runs.contains(&row.as_os_str())) => {
+        (Some(None), _) => "a table.csv that no sweep wrote".to_owned(),
+        (Some(Some(rows)), _) if rows.iter().any(|row| !runs.contains(&row.as_os_str())) => {
             "the table of a sweep with other runs".to_owned()
         }
         (_, Some(head)) if head != TEX_HEAD => "a table.tex that no sweep wrote".to_owned(),
@@ -172,21 +172,19 @@ pub fn refuse_to_replace<'a>(directory: &Path, runs: impl Iterator<Item = &'a Pa
     Err(disk::not_replaced(directory, &what))
 }
 
-/// The names of the directories in a table file, if it exists; an error if it is no such table.
-fn rows(path: &Path) -> Option<std::result::Result<Vec<OsString>, ()>> {
+/// The names of the directories in a table file, if the file exists; no names if it is no such
+/// table.
+fn rows(path: &Path) -> Option<Option<Vec<OsString>>> {
     let found = std::fs::symlink_metadata(path).ok()?;
-    if found.len() > MOST_BYTES {
-        return Some(Err(()));
-    }
-    let records = disk::read_text(path).map(|text| csv_records(&text)).unwrap_or_default();
-    let Some(last) = records.first().and_then(|names| names.iter().position(|n| n == DIRECTORY))
-    else {
-        return Some(Err(()));
+    let names = || {
+        let text = (found.len() <= MOST_BYTES).then(|| disk::read_text(path).ok())??;
+        let records = csv_records(&text);
+        let last = records.first()?.iter().position(|name| name == DIRECTORY)?;
+        let name =
+            |record: &Vec<String>| Some(Path::new(record.get(last)?).file_name()?.to_owned());
+        records[1..].iter().map(name).collect()
     };
-    let name = |record: &Vec<String>| {
-        record.get(last).and_then(|place| Path::new(place).file_name()).map(OsStr::to_owned)
-    };
-    Some(records[1..].iter().map(name).collect::<Option<Vec<_>>>().ok_or(()))
+    Some(names())
 }
 
 /// The first line of a file, if it exists; empty if it is not text.
