@@ -23,13 +23,13 @@ pub use crate::problem::potential::edges::{
     unresolved_regions,
 };
 
-pub use crate::problem::potential::pieces::is_one_piece;
+pub use crate::problem::potential::pieces::{is_one_piece, region, space_point};
 
 use crate::base::error::Result;
 use crate::base::row_major::volume;
 use crate::problem::case::Case;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
-use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece, space_point};
+use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece};
 use crate::problem::potential::values::PotentialValues;
 use std::collections::HashSet;
 use std::ops::Range;
@@ -103,7 +103,7 @@ impl Potential {
                 a < n && case.space.is_periodic(a) && ranges[a] == (0..axes[a].cells)
             }),
         };
-        let reflects = case.potential.iter().any(|region| region.reflection.is_some());
+        let reflects = case.reflects();
         let mut values = PotentialValues { case, failure: None };
         for_each_cell(ranges, |i| {
             let own = values.piece(&element_centre(axes, i));
@@ -126,10 +126,7 @@ impl Potential {
             this.jump.push(jump);
             this.slope.push(slope);
         });
-        match values.failure {
-            Some(error) => Err(error),
-            None => Ok(this),
-        }
+        values.failure.map_or(Ok(this), Err)
     }
 
     /// The potential of the whole grid.

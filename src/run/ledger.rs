@@ -93,7 +93,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
         let arrivals = estimate(world, case, &tracer, ledger);
-        if tracer.is_accurate() {
+        if tracer.is_accurate {
             found.arrivals = arrivals;
             found.arrivals.halved = tracer.halved();
         }
@@ -368,17 +368,11 @@ impl DataSupport {
 }
 
 /// `|f|` of the initial data at `points`; 0 where it is not finite, which is refused elsewhere.
-fn sizes_at(case: &Case, mut points: impl Iterator<Item = [f64; 6]>) -> Vec<f64> {
-    let (mut sizes, mut block) = (Vec::with_capacity(points.size_hint().0), Vec::new());
-    loop {
-        block.clear();
-        block.extend(points.by_ref().take(POINTS_AT_ONCE));
-        if block.is_empty() {
-            return sizes;
-        }
-        let values = case.fields[0].initial.at_points(&block, 0.0).into_iter();
-        sizes.extend(values.map(|f| if f.is_finite() { f.abs() } else { 0.0 }));
-    }
+fn sizes_at(case: &Case, points: impl Iterator<Item = [f64; 6]>) -> Vec<f64> {
+    let mut sizes = Vec::with_capacity(points.size_hint().0);
+    let values = case.fields[0].initial.at_each(points, 0.0);
+    sizes.extend(values.map(|f| if f.is_finite() { f.abs() } else { 0.0 }));
+    sizes
 }
 
 /// The box between `ends` (first the negatives of the lower ones, then the upper ones), enlarged by
