@@ -2,7 +2,7 @@
 
 use crate::base::quadrature::gauss_legendre;
 use crate::problem::grid::{Axis, MAX_DIMENSION};
-use crate::run::exact::velocities::limits::{ACROSS, IntegrationLimits};
+use crate::run::exact::velocities::limits::{ACROSS, TOLERANCE};
 use crate::run::exact::velocities::panels::{
     BOOLE, POINTS, PanelRule, SIMPSON, VelocityIntegral, points_of,
 };
@@ -61,8 +61,7 @@ impl CellAverages<'_> {
     pub fn of(&self, cells: &[[usize; MAX_DIMENSION]]) -> Vec<VelocityIntegral> {
         let (axis, at) = (self.axis(), |x: f64| self.at(x));
         let rule = gauss_legendre(ACROSS);
-        let allowed =
-            BENT_CELL * self.rule.tolerance / IntegrationLimits::of(self.rule.space).tolerance;
+        let allowed = BENT_CELL * self.rule.tolerance / TOLERANCE[0];
         // The integral at the upper face of the last cell, from above.
         let mut known: Option<(usize, VelocityIntegral)> = None;
         let average = |&[j, ..]: &[usize; MAX_DIMENSION]| {
