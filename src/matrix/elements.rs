@@ -34,9 +34,8 @@ pub fn for_each_element(
 }
 
 impl Element<'_> {
-    fn nodes(&self) -> impl DoubleEndedIterator<Item = Nodes> + '_ {
-        let (x, v) = (&self.space.x, &self.space.v);
-        x.iter().chain(v).map(|a| a.nodes)
+    fn nodes(&self) -> impl Iterator<Item = Nodes> {
+        self.space.axes().map(|axis| axis.nodes)
     }
 
     /// Nodes along each axis.
@@ -46,10 +45,7 @@ impl Element<'_> {
 
     /// Quadrature weights of its nodes: products of those on `[−1, 1]`, the last axis fastest.
     pub fn weights(&self) -> Vec<f64> {
-        self.nodes().fold(vec![1.0], |products, nodes| {
-            let weights = &nodes.reference().weights;
-            products.iter().flat_map(|p| weights.iter().map(move |w| p * w)).collect()
-        })
+        products(self.nodes().map(|nodes| &nodes.reference().weights[..]))
     }
 
     /// The point with the coordinates `xi` in the reference element.
@@ -80,6 +76,13 @@ impl Element<'_> {
     pub fn points(&self, along: &[impl AsRef<[f64]>]) -> Vec<[f64; 6]> {
         self.space.points_in(&self.index, along).collect()
     }
+}
+
+/// The products of one of the `factors` along each axis, the last axis fastest.
+pub fn products<'a>(factors: impl Iterator<Item = &'a [f64]>) -> Vec<f64> {
+    factors.fold(vec![1.0], |products, factors| {
+        products.iter().flat_map(|p| factors.iter().map(move |factor| p * factor)).collect()
+    })
 }
 
 /// Applies a matrix along each axis to `values`, the last axis fastest.

@@ -12,7 +12,7 @@ pub mod zeros;
 use crate::base::row_major::volume;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
-use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::scheme::interface::velocity;
 use std::ops::Range;
 
@@ -34,6 +34,13 @@ pub struct Moments {
 
 /// Number of moments at a point: density, momentum along three axes, kinetic energy.
 pub const MOMENTS: usize = 5;
+
+/// Adds a mass with a velocity to the sums `moments`.
+pub fn add_mass(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64) {
+    let [x, y, z] = velocity;
+    let factors = [1.0, *x, *y, *z, 0.5 * (x * x + y * y + z * z)];
+    moments.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += factor * mass);
+}
 
 /// The contributions of the velocity cells to the moments, per unit of `f`: `(1, v, ½|v|²)` times
 /// the volume of a cell relative to the mean.
@@ -198,11 +205,8 @@ fn on_surface(
 ) -> Vec<[f64; MOMENTS]> {
     let mut sums = vec![[0.0; MOMENTS]; volume(share)];
     surface::for_each_zero(space, share, fields[0], &fields[1..], |zero| {
-        let [_, _, _, x, y, z] = zero.point;
-        let factors = [1.0, x, y, z, 0.5 * (x * x + y * y + z * z)];
-        for (sum, factor) in sums[zero.cell].iter_mut().zip(factors) {
-            *sum += factor * zero.mass;
-        }
+        let [.., u, v, w] = zero.point;
+        add_mass(&mut sums[zero.cell], &[u, v, w], zero.mass);
     });
     let mut cell = 0;
     for_each_cell(share, |i| {

@@ -20,7 +20,7 @@
 //! zero there may be found in both or in none. Velocity elements therefore reach over their faces
 //! by `overlap`, with weights that fall linearly from 1 to 0 and sum to 1.
 
-use crate::base::quadrature::gauss_legendre;
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::base::row_major::position;
 use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::level_sets::{IDENTITY, determinant};
@@ -54,14 +54,6 @@ fn overlap(degree: usize) -> f64 {
     0.5 / ((degree + 1) * (degree + 1)) as f64
 }
 
-/// A point of a quadrature rule along an axis.
-struct RulePoint {
-    /// Coordinate of the point in the reference element.
-    xi: f64,
-    /// Weight of the point as a part of the element's width.
-    weight: f64,
-}
-
 /// An axis of the elements.
 struct ElementAxis {
     nodes: Nodes,
@@ -69,7 +61,8 @@ struct ElementAxis {
     reach: f64,
     /// Maps values at the nodes to Bernstein coefficients on that domain.
     to_bernstein: Vec<Vec<f64>>,
-    samples: Vec<RulePoint>,
+    /// The points of the rule, with weights as parts of the element's width.
+    samples: Vec<QuadraturePoint>,
     /// Upper ends of the cells in the reference element.
     faces: Vec<f64>,
 }
@@ -91,7 +84,7 @@ impl ElementAxis {
         let rule = gauss_legendre(points);
         let samples = parts.iter().flat_map(|[lower, upper]| {
             let points = rule.iter().map(|point| point.moved_to([*lower, *upper]));
-            points.map(|p| RulePoint { xi: p.node, weight: 0.5 * p.weight })
+            points.map(|p| QuadraturePoint { weight: 0.5 * p.weight, ..p })
         });
         Self {
             nodes,
@@ -221,7 +214,7 @@ impl SurfacePatch<'_> {
             for b in (0..axes).rev().filter(|b| !is_solved(*b)) {
                 let sample = &self.lines[b].samples[rest % counts[b]];
                 rest /= counts[b];
-                xi[b] = sample.xi;
+                xi[b] = sample.node;
                 weight *= sample.weight;
             }
             let rows: Vec<AxisRow> = (self.lines.iter().enumerate())
