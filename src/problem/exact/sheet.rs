@@ -284,10 +284,7 @@ impl<'a> Sheets<'a> {
             self.follow(sheet, piece);
         }
         let found = std::mem::take(&mut self.found);
-        match self.failure.take() {
-            Some(failure) => Err(failure),
-            None => Ok((found, self.used)),
-        }
+        self.failure.take().map_or(Ok((found, self.used)), Err)
     }
 
     fn space(&self) -> &'a PhaseSpace {
