@@ -52,8 +52,8 @@ impl RunLog {
         self.printed = self.warnings.len();
     }
 
-    /// Records `warning`, which is printed after the solve.
-    pub fn warn_later(&mut self, warning: String) {
-        self.warnings.push(warning);
+    /// Records `warnings`, which are printed after the solve.
+    pub fn warn_later(&mut self, warnings: impl IntoIterator<Item = String>) {
+        self.warnings.extend(warnings);
     }
 }

@@ -48,7 +48,6 @@ const NUMBERS: usize = 8;
 struct ArrivedParticle {
     /// Its point then, `[x, y, z, vx, vy, vz]`.
     point: [f64; 6],
-    /// Its mass.
     mass: f64,
     /// `f` along its path.
     value: f64,
@@ -95,7 +94,6 @@ pub struct ComparedResult<'a> {
     pub share: &'a [Range<usize>],
     /// The first field, velocities fastest.
     pub field: &'a [f64],
-    /// Its density.
     pub density: &'a [f64],
 }
 
