@@ -86,11 +86,12 @@ pub fn products<'a>(factors: impl Iterator<Item = &'a [f64]>) -> Vec<f64> {
 }
 
 /// Applies a matrix along each axis to `values`, the last axis fastest.
-pub fn apply_along_all(values: &[f64], matrices: &[Vec<Vec<f64>>]) -> Vec<f64> {
-    apply_in_elements(
-        values,
-        &matrices.iter().map(|m| AxisMatrix { elements: 1, matrix: m }).collect::<Vec<_>>(),
-    )
+pub fn apply_along_all<'a>(
+    values: &[f64],
+    matrices: impl Iterator<Item = &'a Vec<Vec<f64>>>,
+) -> Vec<f64> {
+    let axes: Vec<_> = matrices.map(|matrix| AxisMatrix { elements: 1, matrix }).collect();
+    apply_in_elements(values, &axes)
 }
 
 /// The matrix that is applied along an axis in each of its elements.

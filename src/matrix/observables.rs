@@ -128,15 +128,14 @@ impl<'a> MomentsOf<'a> {
 }
 
 impl Moments {
-    /// The moments from sums over the velocity cells at each point of a share of space in `n`
-    /// dimensions. Collective over `world`, for the largest density.
+    /// The moments from sums over the velocity cells at each point of a share of space. Collective
+    /// over `world`, for the largest density.
     pub fn of_sums(
         world: &Group,
-        n: usize,
         factors: &VelocityFactors,
         sums: impl Iterator<Item = [f64; MOMENTS]>,
     ) -> Self {
-        Self::new(world, n, sums.map(|sums| sums.map(|sum| sum * factors.volume)))
+        Self::new(world, factors.dimension, sums.map(|sums| sums.map(|sum| sum * factors.volume)))
     }
 
     /// The moments from density, momenta and kinetic energy at each point of a share of space in
@@ -193,7 +192,7 @@ pub fn moments(world: &Group, case: &Case, share: &[Range<usize>], fields: &[&[f
             }
         }
     });
-    Moments::of_sums(world, space.dimension(), &factors, sums)
+    Moments::of_sums(world, &factors, sums)
 }
 
 /// Density, momenta and kinetic energy of `φ Π_a δ(ψ_a)` as averages over the space cells of
@@ -238,7 +237,7 @@ pub struct CellVolumes {
     /// Mean volume of a space cell.
     mean_space: f64,
     /// Mean volume of a cell of phase space.
-    mean: f64,
+    pub mean: f64,
     /// Number of space cells of all shares.
     space_cells: usize,
 }
@@ -258,15 +257,10 @@ impl CellVolumes {
         Self {
             space: relative_volumes(&space.x, share),
             velocity: relative_volumes(&space.v, &space.velocity_ranges()),
-            mean_space: space.x.iter().map(|a| a.width() / a.nodes.count() as f64).product(),
+            mean_space: space.x.iter().map(Axis::mean_width).product(),
             mean: space.cell_volume(),
             space_cells: space.space_cells(),
         }
-    }
-
-    /// Mean volume of a cell of phase space.
-    pub fn mean(&self) -> f64 {
-        self.mean
     }
 
     /// Volume of cell `i` of the share, velocities fastest, relative to the mean.

@@ -134,12 +134,12 @@ impl PhaseSpace {
 
     /// Mean volume of a phase-space cell. For degree 0 all cells have this volume, `Π Δx Δv`.
     pub fn cell_volume(&self) -> f64 {
-        self.axes().map(|a| a.width() / a.nodes.count() as f64).product()
+        self.axes().map(Axis::mean_width).product()
     }
 
     /// Mean volume of a velocity cell. For degree 0 all cells have this volume, `Π Δv`.
     pub fn velocity_cell_volume(&self) -> f64 {
-        self.v.iter().map(|a| a.width() / a.nodes.count() as f64).product()
+        self.v.iter().map(Axis::mean_width).product()
     }
 
     /// Volume of the box in phase space.

@@ -8,7 +8,7 @@
 use crate::base::error::Result;
 use crate::base::progress::Progress;
 use crate::base::quadrature::gauss_legendre;
-use crate::matrix::elements::{AxisMatrix, Element, apply_in_elements, for_each_element, products};
+use crate::matrix::elements::{Element, apply_along_all, for_each_element, products};
 use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
@@ -238,9 +238,7 @@ impl<'a> ElementSums<'a> {
         let rules = self.rules_of(&element.index);
         let space_weights = weights(&rules[..n]);
         let velocity_weights = weights(&rules[n..]);
-        let matrices: Vec<AxisMatrix<'_>> =
-            rules.iter().map(|rule| AxisMatrix { elements: 1, matrix: &rule.matrix }).collect();
-        let found = apply_in_elements(nodal, &matrices);
+        let found = apply_along_all(nodal, rules.iter().map(|rule| &rule.matrix));
         let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
         let exact = self.values_of.values_at(&element.points(&points), self.case.end);
         let velocities = velocities(element, &points);

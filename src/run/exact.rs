@@ -205,12 +205,11 @@ fn at_time(
         }
     };
     let values = world.agree(values)?;
-    let n = space.dimension();
     let integrals = VelocityIntegrals::on_grid(world, values_of, case, time);
     let (moments, density_errors) = match integrals.grid_error() {
         Some(error) => {
             let factors = VelocityFactors::new(space);
-            let moments = Moments::of_sums(world, n, &factors, factors.at_points(&values));
+            let moments = Moments::of_sums(world, &factors, factors.at_points(&values));
             let errors = vec![error; moments.density.len()];
             (moments, errors)
         }
@@ -222,7 +221,7 @@ fn at_time(
             }
             let errors = found.iter().map(|integral| integral.error).collect();
             let moments = found.into_iter().map(|integral| integral.moments);
-            (Moments::new(world, n, moments), errors)
+            (Moments::new(world, space.dimension(), moments), errors)
         }
     };
     Ok(AtTime { exact: ExactSolution::Field(values), moments, density_errors })

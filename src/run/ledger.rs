@@ -404,7 +404,7 @@ pub fn entered_mass(prepared: &Prepared) -> Option<f64> {
     let mass = |integrals: &[f64]| {
         let rows = matrix.inflow.iter().zip(integrals);
         let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
-        space.sum_terms(&terms) * volumes.mean()
+        space.sum_terms(&terms) * volumes.mean
     };
     if !case.varies() {
         let values = matrix.inflow.iter().map(|row| case.duration() * row.values[0]);

@@ -30,7 +30,8 @@ use std::ops::Range;
 pub struct Scheme<'a> {
     case: &'a Case,
     space: &'a PhaseSpace,
-    potential: Potential,
+    /// `V` on the cells of these rows.
+    pub potential: Potential,
     /// The fields that have inflow, and the time of the inflow.
     entering: InflowTerm<'a>,
     /// Constants of the Galerkin rows; none for the upwind scheme of degree 0.
@@ -63,11 +64,6 @@ impl<'a> Scheme<'a> {
     /// As [`new`](Self::new).
     pub fn whole(case: &'a Case) -> Result<Self> {
         Self::new(case, &case.space.space_ranges())
-    }
-
-    /// `V` on the cells of these rows.
-    pub fn potential(&self) -> &Potential {
-        &self.potential
     }
 
     /// Row `index` of `A` and `b`.

@@ -177,9 +177,10 @@ pub fn for_each_zero(
     let n = space.dimension();
     let lines: Vec<ElementAxis> =
         space.axes().enumerate().map(|(a, axis)| ElementAxis::new(axis.nodes, a >= n, n)).collect();
-    let matrices: Vec<Vec<Vec<f64>>> = lines.iter().map(|l| l.to_bernstein.clone()).collect();
     for_each_element(space, share, |element| {
-        let coefficients = |field: &[f64]| apply_along_all(&element.nodal(share, field), &matrices);
+        let matrices = || lines.iter().map(|line| &line.to_bernstein);
+        let coefficients =
+            |field: &[f64]| apply_along_all(&element.nodal(share, field), matrices());
         let mut level_sets = Vec::with_capacity(n);
         for psi in psi {
             let psi = coefficients(psi);

@@ -126,11 +126,6 @@ impl Axis {
         8.0 * f64::EPSILON * self.largest_magnitude()
     }
 
-    /// The coordinate [`beside`](Self::beside) face `i`, the lower one of element `i`.
-    pub fn beside_face(&self, i: i64, above: bool) -> f64 {
-        self.beside(self.face(i), above)
-    }
-
     /// `x`, or [`just_outside`](Self::just_outside) if that is nearer than round-off.
     pub fn outside_of_end(&self, x: f64) -> f64 {
         let near = |end: f64| (x - end).abs() <= 1e-12 * (self.upper - self.lower);
@@ -187,6 +182,11 @@ impl Axis {
     pub fn width(&self) -> f64 {
         let WholeAxis { ends: [lower, upper], elements, .. } = self.of_whole();
         (upper - lower) / elements as f64
+    }
+
+    /// Mean width of the cells.
+    pub fn mean_width(&self) -> f64 {
+        self.width() / self.nodes.count() as f64
     }
 
     /// Width of cell `j`: its quadrature weight. For degree 0 it is the width of the element.
