@@ -260,7 +260,7 @@ impl<'a> Tracer<'a> {
         let faces: Vec<Vec<f64>> = space.x.iter().map(faces).collect();
         let paths = moves_by_axes(&potential).then(AxisPaths::default);
         let lines = if paths.is_some() || space.dimension() == 1 {
-            AxisLine::all(&potential, -1.0)
+            AxisLine::all(&potential)
         } else {
             Vec::new()
         };
@@ -394,7 +394,7 @@ impl<'a> Tracer<'a> {
     pub fn faces_with_jumps(&self, axis: usize) -> Vec<usize> {
         let mut found = vec![false; self.space.x[axis].cells];
         for_each_cell(&self.space.space_ranges(), |cell| {
-            found[cell[axis]] |= self.potential.jump_below(cell, axis) != 0.0;
+            found[cell[axis]] |= self.potential.linear.jump_below(cell, axis) != 0.0;
         });
         (0..found.len()).filter(|face| found[*face]).collect()
     }
@@ -437,7 +437,7 @@ impl<'a> Tracer<'a> {
     fn along_line(&self, particle: &TracedParticle, a: usize, time: f64) -> Option<LineParticle> {
         let line = self.lines.get(a)?;
         let left = time.max(0.0);
-        let piece = line.piece_of(particle.cell[a]);
+        let piece = line.of_cell[particle.cell[a]];
         let start = LineParticle { piece, x: particle.x[a], w: particle.w[a], left };
         let end = line.follow(start, ROUND_OFF * left, self.most_faces(left))?;
         let x = if end.left == 0.0 { self.snapped_to_face(a, end.x) } else { end.x };
@@ -504,7 +504,7 @@ impl<'a> Tracer<'a> {
                     particle.cell = self.cell_at_face(&particle, &block, event.axis, upper);
                     let before = particle.path.history;
                     let exit = self.cross(&mut particle, event.axis, upper, meet);
-                    let bends = !alike(block.slopes, self.potential.slopes(&particle.cell));
+                    let bends = !alike(block.slopes, self.potential.linear.slopes(&particle.cell));
                     let path = &mut particle.path;
                     path.segments += usize::from(bends || path.history != before);
                     exit
@@ -608,7 +608,7 @@ impl<'a> Tracer<'a> {
             last: [0; MAX_DIMENSION],
             lower: [0.0; MAX_DIMENSION],
             upper: [0.0; MAX_DIMENSION],
-            slopes: self.potential.slopes(&particle.cell),
+            slopes: self.potential.linear.slopes(&particle.cell),
             motions: [AxisMotion::REST; MAX_DIMENSION],
         };
         let curvatures = self.potential.curvatures(&particle.cell);
@@ -718,7 +718,7 @@ impl<'a> Tracer<'a> {
     /// `V` before the upper or lower face of `cell` along `a` minus `V` behind it, at the centre of
     /// the face.
     fn rise_at_centre(&self, cell: &[usize; MAX_DIMENSION], a: usize, upper: bool) -> f64 {
-        let potential = &self.potential;
+        let potential = &self.potential.linear;
         if upper { -potential.jump_above(cell, a) } else { potential.jump_below(cell, a) }
     }
 
@@ -730,7 +730,8 @@ impl<'a> Tracer<'a> {
         let cell = &particle.cell;
         let mut behind = *cell;
         behind[a] = there;
-        let [slopes, slopes_behind] = [cell, &behind].map(|cell| self.potential.slopes(cell));
+        let [slopes, slopes_behind] =
+            [cell, &behind].map(|cell| self.potential.linear.slopes(cell));
         let [bends, bends_behind] = [cell, &behind].map(|cell| self.potential.curvatures(cell));
         let differs = |b: usize| slopes[b] != slopes_behind[b] || bends[b] != bends_behind[b];
         let mut rise = self.rise_at_centre(cell, a, upper);
@@ -776,7 +777,7 @@ impl<'a> Tracer<'a> {
     /// The distance by which a particle at a face can move away from the face within its cell:
     /// `w²/(2|slope|)` if the slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
-        let is_free = self.potential.slope(&particle.cell, a) == 0.0
+        let is_free = self.potential.linear.slope(&particle.cell, a) == 0.0
             && self.potential.curvatures(&particle.cell)[a] == 0.0;
         if is_free {
             return f64::INFINITY;

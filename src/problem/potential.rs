@@ -19,8 +19,7 @@ mod values;
 
 pub use crate::problem::potential::curvature::{ElementShape, curvatures};
 pub use crate::problem::potential::edges::{
-    MOST_STRAY_EDGES, RegionWidth, StrayEdge, UnresolvedRegions, region_edges, region_widths,
-    unresolved_regions,
+    MOST_STRAY_EDGES, RegionWidth, StrayEdge, region_edges, region_widths, unresolved_regions,
 };
 
 pub use crate::problem::potential::pieces::{is_one_piece, region, space_point};
@@ -217,10 +216,8 @@ impl Potential {
     /// The jump at the lower or upper face, along `axis`, of the element of space cell `i`. For the
     /// lower face the cell must be the first of its element, for the upper face the last.
     pub fn jump_kind(&self, i: &[usize], axis: usize, upper: bool) -> JumpKind {
-        match self.face(i, axis, upper) {
-            Some(at) => self.kind_at(at, axis),
-            None => JumpKind { bits: 0, higher: None },
-        }
+        let none = JumpKind { bits: 0, higher: None };
+        self.face(i, axis, upper).map_or(none, |at| self.kind_at(at, axis))
     }
 
     /// The index of the cell whose lower face along `axis` is the lower or upper face of space cell
