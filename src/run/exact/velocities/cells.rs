@@ -120,16 +120,10 @@ impl CellAverages<'_> {
             let step = 0.125 * (upper - lower);
             let new = [1, 3, 5, 7].map(|k| at(lower + f64::from(k) * step));
             let middle = lower + 4.0 * step;
-            panels.push(CellPanel {
-                lower,
-                upper: middle,
-                values: [v[0], new[0], v[1], new[1], v[2]],
-            });
-            panels.push(CellPanel {
-                lower: middle,
-                upper,
-                values: [v[2], new[2], v[3], new[3], v[4]],
-            });
+            let first = [v[0], new[0], v[1], new[1], v[2]];
+            let second = [v[2], new[2], v[3], new[3], v[4]];
+            panels.push(CellPanel { lower, upper: middle, values: first });
+            panels.push(CellPanel { lower: middle, upper, values: second });
             used += POINTS - 1;
         }
         let mut mean = VelocityIntegral::default();
