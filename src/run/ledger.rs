@@ -24,7 +24,7 @@ use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::arrivals::Arrivals;
 use crate::run::ledger::draw::{
-    Particle, ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
+    ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
 };
 use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker};
 use crate::scheme::interface::energy::allows_elements;
@@ -284,13 +284,8 @@ fn replicated(
             let sequence = SampleSequence::new(sampler.dimensions(), source.seed(replicate));
             let drawn = sampler.draw(source, &sequence, 0..many);
             let mut tally = ParticleTally::default();
-            let mut inside: Vec<Particle> = Vec::new();
-            for particle in drawn {
-                tally.add(&particle, 1.0 / many as f64);
-                if particle.inside {
-                    inside.push(particle);
-                }
-            }
+            drawn.iter().for_each(|particle| tally.add(particle, 1.0 / many as f64));
+            let inside = drawn.into_iter().filter(|particle| particle.inside).collect();
             let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
             if !sampler.case.reflects() {
                 for particle in resampled(inside, followed, sequence.offset) {

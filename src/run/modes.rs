@@ -65,8 +65,10 @@ pub(crate) fn by_modes(
     let spread = spread(communicator, case, rank_cells, &modes, &system.weights.pi);
     let planned = DistributedModes { case, plan, warp, spread: &spread };
     let mut start = ModeStart::new(planned, system)?;
-    if let Some(checkpointing) = &mut checkpointing {
-        start.check(checkpointing, resumed.as_ref())?;
+    if let (Some(checkpointing), Some(begun)) = (&mut checkpointing, &start.begun) {
+        // A checkpoint must be of the file that the modes start from.
+        let generation = resumed.as_ref().map(|resumed| &resumed.generation);
+        checkpointing.store.begins_with(begun.checksum, generation)?;
     }
     let rows = system.matrix.rows();
     let initial = start.states(&system.states, rows);
@@ -158,20 +160,6 @@ impl ModeStart {
             None => system.norm(communicator, state),
         };
         Ok(Self { norms: system.states.iter().map(norm).collect(), kept, begun })
-    }
-
-    /// Checks that a checkpoint is of the file that the modes start from, if there is one.
-    ///
-    /// # Errors
-    /// As [`Store::begins_with`](crate::solve::checkpoint::store::Store::begins_with).
-    fn check(
-        &self,
-        checkpointing: &mut Checkpointing,
-        resumed: Option<&ResumePoint<'_>>,
-    ) -> Result<()> {
-        let Some(begun) = &self.begun else { return Ok(()) };
-        let generation = resumed.map(|resumed| &resumed.generation);
-        checkpointing.store.begins_with(begun.checksum, generation)
     }
 
     /// The first `rows` numbers of the `states` of the fields, with the norms of their modes.
