@@ -370,7 +370,7 @@ fn rows_by_layers(
     inflow: &InflowRows,
     row: &mut Row,
 ) -> (Rows, AssemblySize) {
-    let rows = block.cells() + inflow.unknowns();
+    let rows = block.cells() + if inflow.shared { 1 } else { inflow.list.len() };
     let layers = Layers::new(&case.space, block, equal_rows, rows);
     // Time-dependent couplings are not stored in the matrix.
     let enters_at = |aux: &AuxiliaryRow| !case.varies() && aux.enters();

@@ -71,7 +71,9 @@ pub(crate) fn by_modes(
         checkpointing.store.begins_with(begun.checksum, generation)?;
     }
     let rows = system.matrix.rows();
-    let initial = start.states(&system.states, rows);
+    let states = system.states.iter().zip(&start.norms);
+    let initial: Vec<_> =
+        states.map(|(state, &norm)| InitialState::real(&state[..rows], norm)).collect();
     let stop = checkpointing.as_ref().map(|c| Arc::clone(&c.times.stop));
     let mut evolution = Evolution {
         matrix: &system.matrix,
@@ -160,12 +162,6 @@ impl ModeStart {
             None => system.norm(communicator, state),
         };
         Ok(Self { norms: system.states.iter().map(norm).collect(), kept, begun })
-    }
-
-    /// The first `rows` numbers of the `states` of the fields, with the norms of their modes.
-    fn states<'a>(&self, states: &'a [Vec<f64>], rows: usize) -> Vec<InitialState<'a>> {
-        let modes = states.iter().zip(&self.norms);
-        modes.map(|(state, &norm)| InitialState::real(&state[..rows], norm)).collect()
     }
 }
 
