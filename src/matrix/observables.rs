@@ -12,7 +12,7 @@ pub mod zeros;
 use crate::base::row_major::volume;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
 use crate::scheme::interface::velocity;
 use std::ops::Range;
 
@@ -244,11 +244,8 @@ pub struct CellVolumes {
 
 /// Products of the relative widths of the cells `ranges` of `axes`, row-major.
 fn relative_volumes(axes: &[Axis], ranges: &[Range<usize>]) -> Vec<f64> {
-    let mut volumes = Vec::new();
-    for_each_cell(ranges, |i| {
-        volumes.push(axes.iter().zip(i).map(|(axis, j)| axis.relative_weight(*j)).product());
-    });
-    volumes
+    let volume = |i| axes.iter().zip(i).map(|(axis, j)| axis.relative_weight(j)).product();
+    box_cells(ranges).map(volume).collect()
 }
 
 impl CellVolumes {

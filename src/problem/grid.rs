@@ -386,19 +386,25 @@ pub fn axis_names(dimension: usize) -> Vec<&'static str> {
     SPACE_NAMES[..dimension].iter().chain(&v[..dimension]).copied().collect()
 }
 
-/// Calls `visit` with every multi-index of a box, row-major.
-pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX_DIMENSION])) {
-    let mut i = std::array::from_fn(|a| ranges.get(a).map_or(0, |range| range.start));
-    for _ in 0..row_major::volume(ranges) {
-        visit(&i);
-        for (i, range) in i.iter_mut().zip(ranges).rev() {
+/// Every multi-index of a box, row-major.
+pub fn box_cells(ranges: &[Range<usize>]) -> impl Iterator<Item = [usize; MAX_DIMENSION]> {
+    let mut next = std::array::from_fn(|a| ranges.get(a).map_or(0, |range| range.start));
+    (0..row_major::volume(ranges)).map(move |_| {
+        let cell = next;
+        for (i, range) in next.iter_mut().zip(ranges).rev() {
             *i += 1;
             if *i < range.end {
                 break;
             }
             *i = range.start;
         }
-    }
+        cell
+    })
+}
+
+/// Calls `visit` with every multi-index of a box, row-major.
+pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX_DIMENSION])) {
+    box_cells(ranges).for_each(|cell| visit(&cell));
 }
 
 /// Averages of cell values, given on a grid of `from` cells along each axis, over the cells of a

@@ -25,9 +25,8 @@ pub use crate::problem::potential::edges::{
 pub use crate::problem::potential::pieces::{is_one_piece, region, space_point};
 
 use crate::base::error::Result;
-use crate::base::row_major::volume;
 use crate::problem::case::Case;
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
 use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece};
 use crate::problem::potential::values::PotentialValues;
 use std::collections::HashSet;
@@ -270,13 +269,12 @@ impl Potential {
 /// node's element belongs. It may be not finite, as the scheme of degree 0 needs `V` at faces only.
 pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
     let axes = &case.space.x;
-    let mut values = Vec::with_capacity(volume(ranges));
-    for_each_cell(ranges, |i| {
+    let value = |i: [usize; MAX_DIMENSION]| {
         // Undefined conditions are reported by `Potential::new`.
-        let found = piece(&case.potential, &element_centre(axes, i)).ok();
+        let found = piece(&case.potential, &element_centre(axes, &i)).ok();
         let formula = &case.potential[found.map_or(0, |piece| piece.region)].value;
         let constant = found.and_then(|piece| piece.constant);
-        values.push(constant.unwrap_or_else(|| formula.eval(&space_point(axes, i))));
-    });
-    values
+        constant.unwrap_or_else(|| formula.eval(&space_point(axes, &i)))
+    };
+    box_cells(ranges).map(value).collect()
 }

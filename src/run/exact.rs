@@ -14,7 +14,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::sheet::sums::ExactMoments;
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, PhaseSpace, box_cells};
 use crate::results::dataset::ExactSolution;
 use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
@@ -215,7 +215,8 @@ fn at_time(
         }
         None => {
             let mut found = Vec::new();
-            for cells in cells(&rank_cells.share).chunks(TOGETHER) {
+            let cells: Vec<_> = box_cells(&rank_cells.share).collect();
+            for cells in cells.chunks(TOGETHER) {
                 found.extend(integrals.on_cells(case, cells));
                 watch.progress.advance(cells.len() * watch.work.integral);
             }
@@ -225,13 +226,6 @@ fn at_time(
         }
     };
     Ok(AtTime { exact: ExactSolution::Field(values), moments, density_errors })
-}
-
-/// The space cells of a box, row-major.
-fn cells(ranges: &[Range<usize>]) -> Vec<[usize; MAX_DIMENSION]> {
-    let mut cells = Vec::new();
-    for_each_cell(ranges, |cell| cells.push(*cell));
-    cells
 }
 
 /// The exact density at the end, averaged over equal cells of space, as many as `case` has. The
@@ -258,7 +252,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     let x = case.space.x.iter().map(equal).collect();
     let case = Case { space: PhaseSpace { x, ..case.space.clone() }, ..case.clone() };
     let integrals = VelocityIntegrals::on_grid(group, &values_of, &case, case.end);
-    let cells = cells(&case.space.space_ranges());
+    let cells: Vec<_> = box_cells(&case.space.space_ranges()).collect();
     let mine = split(&(0..cells.len()), group.size(), group.rank());
     let mut density = vec![0.0; cells.len()];
     let found = integrals.on_cells(&case, &cells[mine.clone()]);
