@@ -53,18 +53,17 @@ pub struct VelocityFactors {
 impl VelocityFactors {
     /// The factors of the velocity cells of `space`.
     pub fn new(space: &PhaseSpace) -> Self {
-        let mut each = Vec::with_capacity(space.velocity_cells());
-        for_each_cell(&space.velocity_ranges(), |j| {
-            let (mut v, mut square) = ([0.0; 3], 0.0);
+        let factors = |j: [usize; MAX_DIMENSION]| {
+            let (mut v, mut square) = ([0.0; MAX_DIMENSION], 0.0);
             for (v, (axis, j)) in v.iter_mut().zip(space.v.iter().zip(j)) {
-                *v = velocity(axis, *j as i64);
+                *v = velocity(axis, j as i64);
                 square += axis.mean_square().unwrap_or(*v * *v);
             }
-            let energy = 0.5 * square;
-            let weights = space.v.iter().zip(j).map(|(axis, j)| axis.relative_weight(*j));
+            let weights = space.v.iter().zip(j).map(|(axis, j)| axis.relative_weight(j));
             let part: f64 = weights.product();
-            each.push([1.0, v[0], v[1], v[2], energy].map(|q| part * q));
-        });
+            [1.0, v[0], v[1], v[2], 0.5 * square].map(|q| part * q)
+        };
+        let each = box_cells(&space.velocity_ranges()).map(factors).collect();
         Self { each, volume: space.velocity_cell_volume(), dimension: space.dimension() }
     }
 

@@ -181,16 +181,10 @@ pub fn for_each_zero(
         let matrices = || lines.iter().map(|line| &line.to_bernstein);
         let coefficients =
             |field: &[f64]| apply_along_all(&element.nodal(share, field), matrices());
-        let mut level_sets = Vec::with_capacity(n);
-        for psi in psi {
-            let psi = coefficients(psi);
-            if has_one_sign(&psi) {
-                return;
-            }
-            level_sets.push(psi);
-        }
-        let patch =
-            SurfacePatch { element, space, lines: &lines, phi: coefficients(phi), psi: level_sets };
+        // A level set of one sign has no zero in the element.
+        let may_vanish = |psi: &&[f64]| Some(coefficients(psi)).filter(|psi| !has_one_sign(psi));
+        let Some(psi) = psi.iter().map(may_vanish).collect() else { return };
+        let patch = SurfacePatch { element, space, lines: &lines, phi: coefficients(phi), psi };
         for solved in AxisSet::of_size(2 * n, n) {
             let constant = |b: usize| solved.contains(b) && lines[b].nodes.degree == 0;
             if !(0..2 * n).any(constant) {
