@@ -143,12 +143,8 @@ impl<'a> Driver<'a> {
     pub fn open(&mut self, planned: &PlannedRun) -> Result<Option<Checkpointing>> {
         let prepared = &planned.prepared;
         self.log.open(&prepared.plan);
-        match self.output {
-            Some(output) => {
-                Checkpointing::open(prepared, &output, self.world.started, &mut self.log)
-            }
-            None => Ok(None),
-        }
+        let Some(output) = self.output else { return Ok(None) };
+        Checkpointing::open(prepared, &output, self.world.started, &mut self.log)
     }
 
     /// Step 6: observables of the initial data, and the ledger with its estimates by particles.
