@@ -370,7 +370,7 @@ fn rows_by_layers(
     inflow: &InflowRows,
     row: &mut Row,
 ) -> (Rows, AssemblySize) {
-    let rows = block.cells() + inflow.unknowns();
+    let rows = block.cells() + if inflow.shared { 1 } else { inflow.list.len() };
     let layers = Layers::new(&case.space, block, equal_rows, rows);
     // Time-dependent couplings are not stored in the matrix.
     let enters_at = |aux: &AuxiliaryRow| !case.varies() && aux.enters();
@@ -426,7 +426,7 @@ impl BlockMatrix {
         let inflow = inflow_rows(case, &scheme, &block, &equal_rows, &mut row);
         let (rows, size) = rows_by_layers(case, &scheme, &block, &equal_rows, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;
-        let velocity_lines = VelocityLines::new(&case.space, &block, scheme.potential(), case.flux);
+        let velocity_lines = VelocityLines::new(&case.space, &block, &scheme.potential, case.flux);
         let InflowRows { list, entering, shared } = inflow;
         let mut this = Self {
             counts_common: block.ranges.iter().all(|r| r.start == 0),

@@ -62,7 +62,7 @@ pub struct BlockMatrix {
     /// Initial value of an auxiliary unknown without couplings.
     pub(crate) uncoupled: f64,
     pub(crate) rows: Rows,
-    /// Memory of the assembly.
+    /// Memory that the assembly took.
     pub(crate) assembly: AssemblySize,
     /// Lines that are applied to real vectors together.
     pub(crate) bundles: Bundles,
@@ -171,11 +171,6 @@ impl BlockMatrix {
     /// The stored rows, for the kernels.
     pub fn stored(&self) -> &Rows {
         &self.rows
-    }
-
-    /// Memory that the assembly took.
-    pub fn assembly_size(&self) -> AssemblySize {
-        self.assembly
     }
 
     /// Bytes of the rows.

@@ -195,9 +195,7 @@ impl Bounds {
             inflow,
         })
     }
-}
 
-impl Bounds {
     /// Whether a force acts.
     pub fn has_forces(&self) -> bool {
         self.forces.contains(&true)

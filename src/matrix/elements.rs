@@ -34,9 +34,8 @@ pub fn for_each_element(
 }
 
 impl Element<'_> {
-    fn nodes(&self) -> impl DoubleEndedIterator<Item = Nodes> + '_ {
-        let (x, v) = (&self.space.x, &self.space.v);
-        x.iter().chain(v).map(|a| a.nodes)
+    fn nodes(&self) -> impl Iterator<Item = Nodes> {
+        self.space.axes().map(|axis| axis.nodes)
     }
 
     /// Nodes along each axis.
@@ -46,10 +45,7 @@ impl Element<'_> {
 
     /// Quadrature weights of its nodes: products of those on `[−1, 1]`, the last axis fastest.
     pub fn weights(&self) -> Vec<f64> {
-        self.nodes().fold(vec![1.0], |products, nodes| {
-            let weights = &nodes.reference().weights;
-            products.iter().flat_map(|p| weights.iter().map(move |w| p * w)).collect()
-        })
+        products(self.nodes().map(|nodes| &nodes.reference().weights[..]))
     }
 
     /// The point with the coordinates `xi` in the reference element.
@@ -82,12 +78,20 @@ impl Element<'_> {
     }
 }
 
+/// The products of one of the `factors` along each axis, the last axis fastest.
+pub fn products<'a>(factors: impl Iterator<Item = &'a [f64]>) -> Vec<f64> {
+    factors.fold(vec![1.0], |products, factors| {
+        products.iter().flat_map(|p| factors.iter().map(move |factor| p * factor)).collect()
+    })
+}
+
 /// Applies a matrix along each axis to `values`, the last axis fastest.
-pub fn apply_along_all(values: &[f64], matrices: &[Vec<Vec<f64>>]) -> Vec<f64> {
-    apply_in_elements(
-        values,
-        &matrices.iter().map(|m| AxisMatrix { elements: 1, matrix: m }).collect::<Vec<_>>(),
-    )
+pub fn apply_along_all<'a>(
+    values: &[f64],
+    matrices: impl Iterator<Item = &'a Vec<Vec<f64>>>,
+) -> Vec<f64> {
+    let axes: Vec<_> = matrices.map(|matrix| AxisMatrix { elements: 1, matrix }).collect();
+    apply_in_elements(values, &axes)
 }
 
 /// The matrix that is applied along an axis in each of its elements.

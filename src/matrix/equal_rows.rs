@@ -51,7 +51,7 @@ impl SpaceCell {
 
     /// The numbers that determine its rows.
     fn kind(&self, space: &PhaseSpace, scheme: &Scheme<'_>, block: &Block) -> Vec<u64> {
-        let potential = scheme.potential();
+        let potential = &scheme.potential;
         let first = space.index(&self.index);
         let local = self.number * block.velocity_cells;
         let mut kind = Vec::new();

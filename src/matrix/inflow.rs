@@ -14,13 +14,6 @@ pub(crate) struct InflowRows {
     pub shared: bool,
 }
 
-impl InflowRows {
-    /// Number of auxiliary unknowns of this rank.
-    pub fn unknowns(&self) -> usize {
-        if self.shared { 1 } else { self.list.len() }
-    }
-}
-
 /// A row with an auxiliary unknown, its own or the common one.
 #[derive(Clone, Copy, Debug)]
 pub struct AuxiliaryRow {

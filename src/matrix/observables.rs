@@ -12,7 +12,7 @@ pub mod zeros;
 use crate::base::row_major::volume;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
-use crate::problem::grid::{Axis, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
 use crate::scheme::interface::velocity;
 use std::ops::Range;
 
@@ -35,6 +35,13 @@ pub struct Moments {
 /// Number of moments at a point: density, momentum along three axes, kinetic energy.
 pub const MOMENTS: usize = 5;
 
+/// Adds a mass with a velocity to the sums `moments`.
+pub fn add_mass(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64) {
+    let [x, y, z] = velocity;
+    let factors = [1.0, *x, *y, *z, 0.5 * (x * x + y * y + z * z)];
+    moments.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += factor * mass);
+}
+
 /// The contributions of the velocity cells to the moments, per unit of `f`: `(1, v, ½|v|²)` times
 /// the volume of a cell relative to the mean.
 pub struct VelocityFactors {
@@ -46,18 +53,17 @@ pub struct VelocityFactors {
 impl VelocityFactors {
     /// The factors of the velocity cells of `space`.
     pub fn new(space: &PhaseSpace) -> Self {
-        let mut each = Vec::with_capacity(space.velocity_cells());
-        for_each_cell(&space.velocity_ranges(), |j| {
-            let (mut v, mut square) = ([0.0; 3], 0.0);
+        let factors = |j: [usize; MAX_DIMENSION]| {
+            let (mut v, mut square) = ([0.0; MAX_DIMENSION], 0.0);
             for (v, (axis, j)) in v.iter_mut().zip(space.v.iter().zip(j)) {
-                *v = velocity(axis, *j as i64);
+                *v = velocity(axis, j as i64);
                 square += axis.mean_square().unwrap_or(*v * *v);
             }
-            let energy = 0.5 * square;
-            let weights = space.v.iter().zip(j).map(|(axis, j)| axis.relative_weight(*j));
+            let weights = space.v.iter().zip(j).map(|(axis, j)| axis.relative_weight(j));
             let part: f64 = weights.product();
-            each.push([1.0, v[0], v[1], v[2], energy].map(|q| part * q));
-        });
+            [1.0, v[0], v[1], v[2], 0.5 * square].map(|q| part * q)
+        };
+        let each = box_cells(&space.velocity_ranges()).map(factors).collect();
         Self { each, volume: space.velocity_cell_volume(), dimension: space.dimension() }
     }
 
@@ -121,15 +127,14 @@ impl<'a> MomentsOf<'a> {
 }
 
 impl Moments {
-    /// The moments from sums over the velocity cells at each point of a share of space in `n`
-    /// dimensions. Collective over `world`, for the largest density.
+    /// The moments from sums over the velocity cells at each point of a share of space. Collective
+    /// over `world`, for the largest density.
     pub fn of_sums(
         world: &Group,
-        n: usize,
         factors: &VelocityFactors,
         sums: impl Iterator<Item = [f64; MOMENTS]>,
     ) -> Self {
-        Self::new(world, n, sums.map(|sums| sums.map(|sum| sum * factors.volume)))
+        Self::new(world, factors.dimension, sums.map(|sums| sums.map(|sum| sum * factors.volume)))
     }
 
     /// The moments from density, momenta and kinetic energy at each point of a share of space in
@@ -186,7 +191,7 @@ pub fn moments(world: &Group, case: &Case, share: &[Range<usize>], fields: &[&[f
             }
         }
     });
-    Moments::of_sums(world, space.dimension(), &factors, sums)
+    Moments::of_sums(world, &factors, sums)
 }
 
 /// Density, momenta and kinetic energy of `φ Π_a δ(ψ_a)` as averages over the space cells of
@@ -198,11 +203,8 @@ fn on_surface(
 ) -> Vec<[f64; MOMENTS]> {
     let mut sums = vec![[0.0; MOMENTS]; volume(share)];
     surface::for_each_zero(space, share, fields[0], &fields[1..], |zero| {
-        let [_, _, _, x, y, z] = zero.point;
-        let factors = [1.0, x, y, z, 0.5 * (x * x + y * y + z * z)];
-        for (sum, factor) in sums[zero.cell].iter_mut().zip(factors) {
-            *sum += factor * zero.mass;
-        }
+        let [.., u, v, w] = zero.point;
+        add_mass(&mut sums[zero.cell], &[u, v, w], zero.mass);
     });
     let mut cell = 0;
     for_each_cell(share, |i| {
@@ -234,18 +236,15 @@ pub struct CellVolumes {
     /// Mean volume of a space cell.
     mean_space: f64,
     /// Mean volume of a cell of phase space.
-    mean: f64,
+    pub mean: f64,
     /// Number of space cells of all shares.
     space_cells: usize,
 }
 
 /// Products of the relative widths of the cells `ranges` of `axes`, row-major.
 fn relative_volumes(axes: &[Axis], ranges: &[Range<usize>]) -> Vec<f64> {
-    let mut volumes = Vec::new();
-    for_each_cell(ranges, |i| {
-        volumes.push(axes.iter().zip(i).map(|(axis, j)| axis.relative_weight(*j)).product());
-    });
-    volumes
+    let volume = |i| axes.iter().zip(i).map(|(axis, j)| axis.relative_weight(j)).product();
+    box_cells(ranges).map(volume).collect()
 }
 
 impl CellVolumes {
@@ -254,15 +253,10 @@ impl CellVolumes {
         Self {
             space: relative_volumes(&space.x, share),
             velocity: relative_volumes(&space.v, &space.velocity_ranges()),
-            mean_space: space.x.iter().map(|a| a.width() / a.nodes.count() as f64).product(),
+            mean_space: space.x.iter().map(Axis::mean_width).product(),
             mean: space.cell_volume(),
             space_cells: space.space_cells(),
         }
-    }
-
-    /// Mean volume of a cell of phase space.
-    pub fn mean(&self) -> f64 {
-        self.mean
     }
 
     /// Volume of cell `i` of the share, velocities fastest, relative to the mean.

@@ -5,7 +5,7 @@
 //! the degree: they are made once for all elements.
 
 use crate::base::quadrature::{QuadraturePoint, gauss_legendre, legendre_values};
-use crate::matrix::elements::{AxisMatrix, Element, apply_in_elements};
+use crate::matrix::elements::{Element, apply_along_all};
 use crate::problem::element::{AT_END, MORE_POINTS, NodeFamily, Nodes};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 
@@ -110,10 +110,7 @@ impl Projection {
                 }
                 continue;
             }
-            let matrices: Vec<_> = (rules.iter())
-                .map(|rule| AxisMatrix { elements: 1, matrix: &rule.projector })
-                .collect();
-            let added = apply_in_elements(&values, &matrices);
+            let added = apply_along_all(&values, rules.iter().map(|rule| &rule.projector));
             sum.iter_mut().zip(added).for_each(|(sum, value)| *sum += value);
         }
         sum

@@ -239,19 +239,12 @@ impl Rows {
     /// derivative in an element is skew but for its ends.
     pub(crate) fn gathered(&self, lines: RowLines, velocity_lines: VelocityLines) -> Self {
         assert!(self.lines.nodes == 1 && (2..=MOST_NODES).contains(&lines.nodes));
-        let mut gathered = Self {
-            lines,
-            template: Vec::with_capacity(lines.of_cells() + self.len() - lines.cells),
-            dense: Vec::new(),
-            offsets: vec![0],
-            distances: Vec::new(),
-            values: Vec::new(),
-            velocity_lines,
-            reach: self.reach,
-        };
+        let count = lines.of_cells() + self.len() - lines.cells;
+        let mut gathered =
+            Self { velocity_lines, reach: self.reach, ..Self::with_capacity(lines, count) };
         // Lines are equal if the templates of their rows are.
         let mut seen: HashMap<[u32; MOST_NODES], u32> = HashMap::default();
-        for line in 0..lines.of_cells() + self.len() - lines.cells {
+        for line in 0..count {
             // A line of one row differs from a line of several.
             let mut of_rows = [u32::MAX; MOST_NODES];
             for (of_row, i) in of_rows.iter_mut().zip(lines.rows(line)) {
@@ -268,11 +261,30 @@ impl Rows {
             });
             gathered.template.push(template);
         }
-        gathered.dense.shrink_to_fit();
-        gathered.offsets.shrink_to_fit();
-        gathered.distances.shrink_to_fit();
-        gathered.values.shrink_to_fit();
-        gathered
+        gathered.shrunk()
+    }
+
+    /// No rows yet, with room for `count` lines.
+    fn with_capacity(lines: RowLines, count: usize) -> Self {
+        Self {
+            lines,
+            template: Vec::with_capacity(count),
+            dense: Vec::new(),
+            offsets: vec![0],
+            distances: Vec::new(),
+            values: Vec::new(),
+            velocity_lines: VelocityLines::default(),
+            reach: 0,
+        }
+    }
+
+    /// These rows without room for more templates.
+    fn shrunk(mut self) -> Self {
+        self.dense.shrink_to_fit();
+        self.offsets.shrink_to_fit();
+        self.distances.shrink_to_fit();
+        self.values.shrink_to_fit();
+        self
     }
 
     /// Adds the template of row `i` with these `entries`.
@@ -342,19 +354,7 @@ const REMEMBERED: usize = 1 << 20;
 impl RowsBuilder {
     /// Reserves memory for about `rows` rows.
     pub fn with_capacity(rows: usize) -> Self {
-        Self {
-            rows: Rows {
-                lines: RowLines::SINGLE,
-                template: Vec::with_capacity(rows),
-                dense: Vec::new(),
-                offsets: vec![0],
-                distances: Vec::new(),
-                values: Vec::new(),
-                velocity_lines: VelocityLines::default(),
-                reach: 0,
-            },
-            seen: HashMap::default(),
-        }
+        Self { rows: Rows::with_capacity(RowLines::SINGLE, rows), seen: HashMap::default() }
     }
 
     /// Reserves memory for the templates of `rows` and a few more. Memory that is not used is never
@@ -417,12 +417,8 @@ impl RowsBuilder {
     }
 
     /// The finished rows.
-    pub fn finish(mut self) -> Rows {
-        let rows = &mut self.rows;
-        rows.offsets.shrink_to_fit();
-        rows.distances.shrink_to_fit();
-        rows.values.shrink_to_fit();
-        self.rows
+    pub fn finish(self) -> Rows {
+        self.rows.shrunk()
     }
 }
 

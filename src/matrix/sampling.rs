@@ -29,7 +29,6 @@ const BATCH: usize = 1024;
 /// The cells of a block that a rank samples: whole elements.
 #[derive(Clone)]
 pub struct SampledCells<'a> {
-    /// The block.
     pub block: &'a Block,
     /// Numbers of the sampled cells in the block.
     pub cells: Range<usize>,
@@ -102,10 +101,7 @@ pub fn sample(
         0 => part.at_cells(space, |cell| space.point(cell), &mut checked),
         _ => projected(world, space, part, &mut checked),
     };
-    match failure {
-        Some(error) => Err(error),
-        None => Ok(values),
-    }
+    failure.map_or(Ok(values), Err)
 }
 
 /// The `L2` projection of a function with `values_at(points)` on the cells of `part`. Collective
@@ -126,8 +122,7 @@ fn projected(
     let cuts = most_cuts(space.dimension(), points);
     let projection = Projection::new(space, cuts, largest);
     for_each_element(space, part.ranges, |element| {
-        let mut at_nodes = vec![0.0; element.shape().iter().product()];
-        element.for_each_cell(part.ranges, |cell, node| at_nodes[node] = nodal[cell]);
+        let mut at_nodes = element.nodal(part.ranges, &nodal);
         if always || projection.is_rough(&at_nodes) {
             at_nodes = projection.onto(element, values_at);
         }

@@ -11,11 +11,9 @@ use std::ops::Range;
 
 /// The readings of a term on some rows: whole points of space, then perhaps auxiliary unknowns.
 pub struct TermRows<'a> {
-    /// The term.
     pub term: &'a [Lanes],
     /// Factor of the term in the sum.
     pub coefficient: &'a [f64; LANES],
-    /// The sum.
     pub sum: &'a mut [Lanes],
     /// `1/√π` of the cells among these rows.
     pub scales: &'a [f64],
@@ -36,7 +34,11 @@ pub struct TermRows<'a> {
 impl Vectorized for TermRows<'_> {
     #[inline(always)]
     fn run<V: Vector, const FMA: bool, const ROWS: usize, const WHOLE: bool>(self) {
-        read_moments::<FMA>(self);
+        match self.dimension {
+            1 => read_some::<FMA, 3>(self),
+            2 => read_some::<FMA, 4>(self),
+            _ => read_some::<FMA, 5>(self),
+        }
     }
 }
 
@@ -44,15 +46,6 @@ impl TermRows<'_> {
     /// Reads the term.
     pub fn read(self) {
         InstructionSet::here().run(self);
-    }
-}
-
-#[inline(always)]
-fn read_moments<const FMA: bool>(rows: TermRows<'_>) {
-    match rows.dimension {
-        1 => read_some::<FMA, 3>(rows),
-        2 => read_some::<FMA, 4>(rows),
-        _ => read_some::<FMA, 5>(rows),
     }
 }
 

@@ -425,6 +425,14 @@ impl Case {
         self.tables.iter().filter_map(move |file| Some((file, values(file)?)))
     }
 
+    /// The key that gives `V` in a region.
+    pub fn potential_key(&self, region: usize) -> String {
+        match self.potential[region].value.table() {
+            Some(_) => TableOf::Potential(region).key(),
+            None => format!("potential.{region}.value"),
+        }
+    }
+
     /// The key of the inflow.
     pub fn inflow_key(&self) -> &'static str {
         let is_table = self.tables.iter().any(|table| table.of == TableOf::Inflow);

@@ -63,7 +63,7 @@ pub struct Foot {
 }
 
 /// A path that was followed for a time: its end, and what the particle met.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TracedPath {
     /// The point of phase space, `[x, y, z, vx, vy, vz]`.
     pub point: [f64; 6],
@@ -87,16 +87,7 @@ pub struct TracedPath {
 impl TracedPath {
     /// The path that ends at its first point, with this time left.
     fn at_start(point: [f64; 6], remaining: f64) -> Self {
-        let turns = [0; MAX_DIMENSION];
-        Self {
-            point,
-            remaining: Some(remaining),
-            exit: None,
-            history: 0,
-            turns,
-            segments: 1,
-            steps: 0,
-        }
+        Self { point, remaining: Some(remaining), segments: 1, ..Self::default() }
     }
 }
 
@@ -176,10 +167,11 @@ pub struct Tracer<'a> {
     paths: Option<AxisPaths>,
     /// Faces, slopes and jumps along each axis, if they depend on the position along it alone.
     lines: Vec<AxisLine>,
-    /// See [`Tracer::is_accurate`].
-    is_accurate: bool,
-    /// See [`Tracer::is_approximate`].
-    is_approximate: bool,
+    /// Whether paths are accurate: `V` is exact in the cells, or approximated on at least 128 cells
+    /// along each axis that has more than one.
+    pub is_accurate: bool,
+    /// Whether `V` is approximated in the cells.
+    pub is_approximate: bool,
 }
 
 /// A particle that is traced.
@@ -196,14 +188,8 @@ struct TracedParticle {
     /// Axes along which the particle is not moved, as its path is followed along another axis
     /// alone.
     held: [bool; MAX_DIMENSION],
-    /// See [`TracedPath::history`].
-    history: u64,
-    /// See [`TracedPath::turns`].
-    turns: [i32; MAX_DIMENSION],
-    /// See [`TracedPath::segments`].
-    segments: usize,
-    /// See [`TracedPath::steps`].
-    steps: usize,
+    /// What it met so far. The end is not known yet.
+    path: TracedPath,
 }
 
 /// A block of cells that a particle crosses in one step, and the slopes of `V` in it.
@@ -274,7 +260,7 @@ impl<'a> Tracer<'a> {
         let faces: Vec<Vec<f64>> = space.x.iter().map(faces).collect();
         let paths = moves_by_axes(&potential).then(AxisPaths::default);
         let lines = if paths.is_some() || space.dimension() == 1 {
-            AxisLine::all(&potential, -1.0)
+            AxisLine::all(&potential)
         } else {
             Vec::new()
         };
@@ -295,11 +281,6 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// Whether `V` is approximated in the cells.
-    pub fn is_approximate(&self) -> bool {
-        self.is_approximate
-    }
-
     /// A tracer with half the cells along each axis, which shows the error of this one; `None` if
     /// `V` is exact in the cells, so that there is none, or no element is cut.
     pub fn halved(&self) -> Option<HalvedCells> {
@@ -311,12 +292,6 @@ impl<'a> Tracer<'a> {
             most: MostCells { approximated, ..MostCells::ESTIMATES },
             order: if is_sum { 2.5 } else { 1.5 },
         })
-    }
-
-    /// Whether paths are accurate: `V` is exact in the cells, or approximated on at least 128 cells
-    /// along each axis that has more than one.
-    pub fn is_accurate(&self) -> bool {
-        self.is_accurate
     }
 
     /// This tracer, whose [`follow`](Self::follow) goes forward in time.
@@ -419,7 +394,7 @@ impl<'a> Tracer<'a> {
     pub fn faces_with_jumps(&self, axis: usize) -> Vec<usize> {
         let mut found = vec![false; self.space.x[axis].cells];
         for_each_cell(&self.space.space_ranges(), |cell| {
-            found[cell[axis]] |= self.potential.jump_below(cell, axis) != 0.0;
+            found[cell[axis]] |= self.potential.linear.jump_below(cell, axis) != 0.0;
         });
         (0..found.len()).filter(|face| found[*face]).collect()
     }
@@ -462,7 +437,7 @@ impl<'a> Tracer<'a> {
     fn along_line(&self, particle: &TracedParticle, a: usize, time: f64) -> Option<LineParticle> {
         let line = self.lines.get(a)?;
         let left = time.max(0.0);
-        let piece = line.piece_of(particle.cell[a]);
+        let piece = line.of_cell[particle.cell[a]];
         let start = LineParticle { piece, x: particle.x[a], w: particle.w[a], left };
         let end = line.follow(start, ROUND_OFF * left, self.most_faces(left))?;
         let x = if end.left == 0.0 { self.snapped_to_face(a, end.x) } else { end.x };
@@ -510,7 +485,7 @@ impl<'a> Tracer<'a> {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
         for _ in 0..self.most_faces(left) {
-            particle.steps += 1;
+            particle.path.steps += 1;
             let block = self.block(&particle);
             let event = self.next_event(&particle, &block, round_off);
             let Some(event) = event.filter(|e| e.time < left - round_off) else {
@@ -527,10 +502,11 @@ impl<'a> Tracer<'a> {
                 Some((face, upper)) => {
                     particle.x[event.axis] = face;
                     particle.cell = self.cell_at_face(&particle, &block, event.axis, upper);
-                    let before = particle.history;
+                    let before = particle.path.history;
                     let exit = self.cross(&mut particle, event.axis, upper, meet);
-                    let bends = !alike(block.slopes, self.potential.slopes(&particle.cell));
-                    particle.segments += usize::from(bends || particle.history != before);
+                    let bends = !alike(block.slopes, self.potential.linear.slopes(&particle.cell));
+                    let path = &mut particle.path;
+                    path.segments += usize::from(bends || path.history != before);
                     exit
                 }
                 None => Some(self.velocity_end(&particle, event.axis, false)),
@@ -565,10 +541,10 @@ impl<'a> Tracer<'a> {
             w: [0.0; MAX_DIMENSION],
             rests: [false; MAX_DIMENSION],
             held: [false; MAX_DIMENSION],
-            history: 0xcbf2_9ce4_8422_2325,
-            turns: [0; MAX_DIMENSION],
-            segments: 1,
-            steps: 0,
+            path: TracedPath {
+                history: 0xcbf2_9ce4_8422_2325,
+                ..TracedPath::at_start(*point, 0.0)
+            },
         };
         for a in 0..space.dimension() {
             // The outermost faces may differ from the ends of the box by round-off.
@@ -591,8 +567,7 @@ impl<'a> Tracer<'a> {
             // Adding zero turns the −0 of a particle at rest into 0.
             point[3 + a] = 0.0 + self.direction * particle.w[a];
         }
-        let TracedParticle { history, turns, segments, steps, .. } = *particle;
-        TracedPath { point, remaining: None, exit: None, history, turns, segments, steps }
+        TracedPath { point, remaining: None, ..particle.path }
     }
 
     /// The end of the velocity box along axis `a` through which a particle leaves: the nearer one.
@@ -633,7 +608,7 @@ impl<'a> Tracer<'a> {
             last: [0; MAX_DIMENSION],
             lower: [0.0; MAX_DIMENSION],
             upper: [0.0; MAX_DIMENSION],
-            slopes: self.potential.slopes(&particle.cell),
+            slopes: self.potential.linear.slopes(&particle.cell),
             motions: [AxisMotion::REST; MAX_DIMENSION],
         };
         let curvatures = self.potential.curvatures(&particle.cell);
@@ -714,14 +689,15 @@ impl<'a> Tracer<'a> {
         let crosses = rise == 0.0 || square > 0.0;
         if rise != 0.0 {
             let face = 2 * (i + usize::from(upper)) + usize::from(crosses);
-            particle.history = append(particle.history, (MAX_DIMENSION * face + a) as u64);
+            let history = &mut particle.path.history;
+            *history = append(*history, (MAX_DIMENSION * face + a) as u64);
             let rise = self.rise_at_centre(&particle.cell, a, upper);
             meet(&Crossing { axis: a, rise, velocity: self.direction * particle.w[a] });
         }
         let reach_after = if crosses {
             particle.cell[a] = there;
             if there as i64 != beyond {
-                particle.turns[a] += step;
+                particle.path.turns[a] += step;
                 particle.x[a] = self.faces[a][if upper { 0 } else { there + 1 }];
             }
             // Other slopes may hold here.
@@ -742,7 +718,7 @@ impl<'a> Tracer<'a> {
     /// `V` before the upper or lower face of `cell` along `a` minus `V` behind it, at the centre of
     /// the face.
     fn rise_at_centre(&self, cell: &[usize; MAX_DIMENSION], a: usize, upper: bool) -> f64 {
-        let potential = &self.potential;
+        let potential = &self.potential.linear;
         if upper { -potential.jump_above(cell, a) } else { potential.jump_below(cell, a) }
     }
 
@@ -754,7 +730,8 @@ impl<'a> Tracer<'a> {
         let cell = &particle.cell;
         let mut behind = *cell;
         behind[a] = there;
-        let [slopes, slopes_behind] = [cell, &behind].map(|cell| self.potential.slopes(cell));
+        let [slopes, slopes_behind] =
+            [cell, &behind].map(|cell| self.potential.linear.slopes(cell));
         let [bends, bends_behind] = [cell, &behind].map(|cell| self.potential.curvatures(cell));
         let differs = |b: usize| slopes[b] != slopes_behind[b] || bends[b] != bends_behind[b];
         let mut rise = self.rise_at_centre(cell, a, upper);
@@ -800,7 +777,7 @@ impl<'a> Tracer<'a> {
     /// The distance by which a particle at a face can move away from the face within its cell:
     /// `w²/(2|slope|)` if the slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
-        let is_free = self.potential.slope(&particle.cell, a) == 0.0
+        let is_free = self.potential.linear.slope(&particle.cell, a) == 0.0
             && self.potential.curvatures(&particle.cell)[a] == 0.0;
         if is_free {
             return f64::INFINITY;

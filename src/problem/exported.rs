@@ -36,21 +36,15 @@ impl ExportKind {
         choice_text(&self)
     }
 
-    /// The name of the file that says to which case the files belong.
-    fn description(self) -> &'static str {
+    /// The name of the file that says to which case the files belong, and what the files are, in
+    /// messages.
+    fn description_and_noun(self) -> [&'static str; 2] {
         match self {
-            Self::Matrix | Self::Quantum | Self::Circuit | Self::Pictures => DESCRIPTION,
-            Self::Chart => "chart.json",
-            Self::Stability => "stability.json",
-        }
-    }
-
-    /// What the files are, in messages.
-    fn noun(self) -> &'static str {
-        match self {
-            Self::Matrix | Self::Quantum | Self::Circuit | Self::Pictures => "export",
-            Self::Chart => "chart",
-            Self::Stability => "stability study",
+            Self::Matrix | Self::Quantum | Self::Circuit | Self::Pictures => {
+                [DESCRIPTION, "export"]
+            }
+            Self::Chart => ["chart.json", "chart"],
+            Self::Stability => ["stability.json", "stability study"],
         }
     }
 }
@@ -58,7 +52,6 @@ impl ExportKind {
 /// The case that an export belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExportOwner {
-    /// The kind of export.
     pub export: ExportKind,
     /// Every setting of the case, by key.
     pub settings: Settings,
@@ -77,7 +70,7 @@ impl ExportOwner {
     /// [`crate::base::error::Error::Directory`].
     pub fn refuse_to_replace(&self, directory: &Path, names: &[String]) -> Result<()> {
         let there = |name: &str| disk::is_taken(&directory.join(name));
-        let (description, noun) = (self.export.description(), self.export.noun());
+        let [description, noun] = self.export.description_and_noun();
         let what = if there(description) {
             match self.read(directory) {
                 None => format!("a {description} that no {noun} wrote"),
@@ -100,8 +93,8 @@ impl ExportOwner {
 
     /// The owner that the description in `directory` names.
     fn read(&self, directory: &Path) -> Option<Self> {
-        let path = directory.join(self.export.description());
-        serde_json::from_str(&disk::read_text(&path).ok()?).ok()
+        let [description, _] = self.export.description_and_noun();
+        serde_json::from_str(&disk::read_text(&directory.join(description)).ok()?).ok()
     }
 }
 

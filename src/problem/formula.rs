@@ -118,6 +118,19 @@ impl Expression {
         values
     }
 
+    /// The values at `points` and a time, as [`at_points`](Self::at_points) gives them.
+    pub fn at_each(
+        &self,
+        mut points: impl Iterator<Item = [f64; 6]>,
+        time: f64,
+    ) -> impl Iterator<Item = f64> {
+        let next = move || {
+            let together: Vec<[f64; 6]> = points.by_ref().take(3 * LANES).collect();
+            (!together.is_empty()).then(|| self.at_points(&together, time))
+        };
+        std::iter::from_fn(next).flatten()
+    }
+
     /// Whether the formula, as a condition, holds; `None` if it is undefined.
     pub fn holds(&self, coordinates: &[f64]) -> Option<bool> {
         let value = self.eval(coordinates);

@@ -11,7 +11,7 @@ mod axis;
 
 pub use crate::problem::grid::axis::{Axis, AxisPart};
 
-use crate::base::row_major::number;
+use crate::base::row_major::{self, number};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use std::ops::Range;
@@ -67,11 +67,13 @@ impl PhaseSpace {
 
     /// The grid of the case, before it was reduced.
     pub fn whole(&self) -> Self {
-        let mut space = self.clone();
-        for axis in space.x.iter_mut().chain(&mut space.v) {
-            *axis = axis.whole();
-        }
-        space
+        self.with_axes(Axis::whole)
+    }
+
+    /// This grid with `changed(axis)` in place of each axis.
+    pub fn with_axes(&self, changed: impl Fn(&Axis) -> Axis) -> Self {
+        let all = |axes: &[Axis]| axes.iter().map(&changed).collect();
+        Self { x: all(&self.x), v: all(&self.v), periodic: self.periodic }
     }
 
     /// Number of space dimensions `n`.
@@ -132,12 +134,12 @@ impl PhaseSpace {
 
     /// Mean volume of a phase-space cell. For degree 0 all cells have this volume, `Π Δx Δv`.
     pub fn cell_volume(&self) -> f64 {
-        self.axes().map(|a| a.width() / a.nodes.count() as f64).product()
+        self.axes().map(Axis::mean_width).product()
     }
 
     /// Mean volume of a velocity cell. For degree 0 all cells have this volume, `Π Δv`.
     pub fn velocity_cell_volume(&self) -> f64 {
-        self.v.iter().map(|a| a.width() / a.nodes.count() as f64).product()
+        self.v.iter().map(Axis::mean_width).product()
     }
 
     /// Volume of the box in phase space.
@@ -189,8 +191,7 @@ impl PhaseSpace {
 
     /// This grid with the same elements and degree 0.
     pub fn by_elements(&self) -> Self {
-        let all = |axes: &[Axis]| axes.iter().map(Axis::by_elements).collect();
-        Self { x: all(&self.x), v: all(&self.v), periodic: self.periodic }
+        self.with_axes(Axis::by_elements)
     }
 
     /// The tensor product of points `along` the axes, given in `[−1, 1]` of the element that has
@@ -223,15 +224,10 @@ impl PhaseSpace {
 
     /// Multi-index of global unknown `index`.
     pub fn cell(&self, mut index: usize) -> Cell {
-        let n = self.dimension();
         let mut cell = Cell::default();
-        for (a, axis) in self.v.iter().enumerate().rev() {
-            cell[n + a] = index % axis.cells;
-            index /= axis.cells;
-        }
-        for (a, axis) in self.x.iter().enumerate().rev() {
-            cell[a] = index % axis.cells;
-            index /= axis.cells;
+        let axes = self.x.iter().chain(&self.v).rev();
+        for (i, axis) in cell[..2 * self.dimension()].iter_mut().rev().zip(axes) {
+            (*i, index) = (index % axis.cells, index / axis.cells);
         }
         cell
     }
@@ -390,30 +386,25 @@ pub fn axis_names(dimension: usize) -> Vec<&'static str> {
     SPACE_NAMES[..dimension].iter().chain(&v[..dimension]).copied().collect()
 }
 
-/// Calls `visit` with every multi-index of a box, row-major.
-pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX_DIMENSION])) {
-    if ranges.iter().any(Range::is_empty) {
-        return;
-    }
-    let mut i = [0; MAX_DIMENSION];
-    for (i, range) in i.iter_mut().zip(ranges) {
-        *i = range.start;
-    }
-    loop {
-        visit(&i);
-        let mut axis = ranges.len();
-        loop {
-            if axis == 0 {
-                return;
-            }
-            axis -= 1;
-            i[axis] += 1;
-            if i[axis] < ranges[axis].end {
+/// Every multi-index of a box, row-major.
+pub fn box_cells(ranges: &[Range<usize>]) -> impl Iterator<Item = [usize; MAX_DIMENSION]> {
+    let mut next = std::array::from_fn(|a| ranges.get(a).map_or(0, |range| range.start));
+    (0..row_major::volume(ranges)).map(move |_| {
+        let cell = next;
+        for (i, range) in next.iter_mut().zip(ranges).rev() {
+            *i += 1;
+            if *i < range.end {
                 break;
             }
-            i[axis] = ranges[axis].start;
+            *i = range.start;
         }
-    }
+        cell
+    })
+}
+
+/// Calls `visit` with every multi-index of a box, row-major.
+pub fn for_each_cell(ranges: &[Range<usize>], mut visit: impl FnMut(&[usize; MAX_DIMENSION])) {
+    box_cells(ranges).for_each(|cell| visit(&cell));
 }
 
 /// Averages of cell values, given on a grid of `from` cells along each axis, over the cells of a

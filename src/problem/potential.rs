@@ -19,17 +19,15 @@ mod values;
 
 pub use crate::problem::potential::curvature::{ElementShape, curvatures};
 pub use crate::problem::potential::edges::{
-    MOST_STRAY_EDGES, RegionWidth, StrayEdge, UnresolvedRegions, region_edges, region_widths,
-    unresolved_regions,
+    MOST_STRAY_EDGES, RegionWidth, StrayEdge, region_edges, region_widths, unresolved_regions,
 };
 
-pub use crate::problem::potential::pieces::is_one_piece;
+pub use crate::problem::potential::pieces::{is_one_piece, region, space_point};
 
 use crate::base::error::Result;
-use crate::base::row_major::volume;
 use crate::problem::case::Case;
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
-use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece, space_point};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
+use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece};
 use crate::problem::potential::values::PotentialValues;
 use std::collections::HashSet;
 use std::ops::Range;
@@ -103,7 +101,7 @@ impl Potential {
                 a < n && case.space.is_periodic(a) && ranges[a] == (0..axes[a].cells)
             }),
         };
-        let reflects = case.potential.iter().any(|region| region.reflection.is_some());
+        let reflects = case.reflects();
         let mut values = PotentialValues { case, failure: None };
         for_each_cell(ranges, |i| {
             let own = values.piece(&element_centre(axes, i));
@@ -126,10 +124,7 @@ impl Potential {
             this.jump.push(jump);
             this.slope.push(slope);
         });
-        match values.failure {
-            Some(error) => Err(error),
-            None => Ok(this),
-        }
+        values.failure.map_or(Ok(this), Err)
     }
 
     /// The potential of the whole grid.
@@ -220,10 +215,8 @@ impl Potential {
     /// The jump at the lower or upper face, along `axis`, of the element of space cell `i`. For the
     /// lower face the cell must be the first of its element, for the upper face the last.
     pub fn jump_kind(&self, i: &[usize], axis: usize, upper: bool) -> JumpKind {
-        match self.face(i, axis, upper) {
-            Some(at) => self.kind_at(at, axis),
-            None => JumpKind { bits: 0, higher: None },
-        }
+        let none = JumpKind { bits: 0, higher: None };
+        self.face(i, axis, upper).map_or(none, |at| self.kind_at(at, axis))
     }
 
     /// The index of the cell whose lower face along `axis` is the lower or upper face of space cell
@@ -276,13 +269,12 @@ impl Potential {
 /// node's element belongs. It may be not finite, as the scheme of degree 0 needs `V` at faces only.
 pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
     let axes = &case.space.x;
-    let mut values = Vec::with_capacity(volume(ranges));
-    for_each_cell(ranges, |i| {
+    let value = |i: [usize; MAX_DIMENSION]| {
         // Undefined conditions are reported by `Potential::new`.
-        let found = piece(&case.potential, &element_centre(axes, i)).ok();
+        let found = piece(&case.potential, &element_centre(axes, &i)).ok();
         let formula = &case.potential[found.map_or(0, |piece| piece.region)].value;
         let constant = found.and_then(|piece| piece.constant);
-        values.push(constant.unwrap_or_else(|| formula.eval(&space_point(axes, i))));
-    });
-    values
+        constant.unwrap_or_else(|| formula.eval(&space_point(axes, &i)))
+    };
+    box_cells(ranges).map(value).collect()
 }

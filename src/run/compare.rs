@@ -110,15 +110,12 @@ pub(crate) fn verify(
         let early = solution.early.iter().filter(|early| early.time > prepared.case.start_time);
         let early = early.map(|early| early.fields.get(k));
         let ends: Vec<Option<&Vec<f64>>> = early.chain([Some(&readings[0])]).collect();
-        let mut worst: Option<f64> = None;
         let exact = exact_semidiscrete(prepared, &reference, k, prints);
-        for (field, exact) in ends.into_iter().zip(exact) {
-            let Some(field) = field else { continue };
-            let error = FieldNorms::new(prepared, &volumes, field).distance(&exact);
-            if error.is_finite() {
-                worst = Some(worst.unwrap_or(0.0).max(error));
-            }
-        }
+        let fields =
+            ends.into_iter().zip(exact).filter_map(|(field, exact)| field.zip(Some(exact)));
+        let errors =
+            fields.map(|(f, exact)| FieldNorms::new(prepared, &volumes, f).distance(&exact));
+        let worst = errors.filter(|error| error.is_finite()).reduce(f64::max);
         summary.fields[k].error_semidiscrete = worst;
         summary.error_semidiscrete =
             (summary.error_semidiscrete.into_iter()).chain(worst).reduce(f64::max);
@@ -198,7 +195,7 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
             PlateauPoint {
                 p: reading.point,
                 distance: norms.distance(&solution.fields[0][0]),
-                norm: (norms.square() * volumes.mean()).sqrt(),
+                norm: (norms.square() * volumes.mean).sqrt(),
             }
         })
         .collect()

@@ -8,7 +8,7 @@
 use crate::base::error::Result;
 use crate::base::progress::Progress;
 use crate::base::quadrature::gauss_legendre;
-use crate::matrix::elements::{AxisMatrix, Element, apply_in_elements, for_each_element};
+use crate::matrix::elements::{Element, apply_along_all, for_each_element, products};
 use crate::matrix::observables::{CellVolumes, Moments};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact};
@@ -236,11 +236,9 @@ impl<'a> ElementSums<'a> {
             self.index = Some(index);
         }
         let rules = self.rules_of(&element.index);
-        let space_weights = products(&rules[..n]);
-        let velocity_weights = products(&rules[n..]);
-        let matrices: Vec<AxisMatrix<'_>> =
-            rules.iter().map(|rule| AxisMatrix { elements: 1, matrix: &rule.matrix }).collect();
-        let found = apply_in_elements(nodal, &matrices);
+        let space_weights = weights(&rules[..n]);
+        let velocity_weights = weights(&rules[n..]);
+        let found = apply_along_all(nodal, rules.iter().map(|rule| &rule.matrix));
         let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
         let exact = self.values_of.values_at(&element.points(&points), self.case.end);
         let velocities = velocities(element, &points);
@@ -275,7 +273,7 @@ impl<'a> ElementSums<'a> {
         let points: Vec<&[f64]> = rules.iter().map(|rule| &rule.points[..]).collect();
         let places = self.case.space.points_in(&element, &points);
         let (mut sums, mut mass) = ([[0.0; NORMS]; 2], 0.0);
-        let weights = products(&rules);
+        let weights = weights(&rules);
         for ((here, place), weight) in self.here.iter().zip(places).zip(weights) {
             let [x, y, z, ..] = place;
             let exact = self.integrals.at(&[x, y, z]).moments;
@@ -317,10 +315,6 @@ fn velocities(element: &Element<'_>, points: &[&[f64]]) -> Vec<[f64; MAX_DIMENSI
 }
 
 /// The products of one weight of each rule, the last one fastest.
-fn products(rules: &[&LineRule]) -> Vec<f64> {
-    let mut products = vec![1.0];
-    for rule in rules {
-        products = products.iter().flat_map(|p| rule.weights.iter().map(move |w| p * w)).collect();
-    }
-    products
+fn weights(rules: &[&LineRule]) -> Vec<f64> {
+    products(rules.iter().map(|rule| &rule.weights[..]))
 }

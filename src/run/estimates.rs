@@ -218,7 +218,7 @@ impl CoefficientSquares {
         // Sums of squares by axis and by degree along it.
         let mut along: Vec<Vec<f64>> = transforms.iter().map(|t| vec![0.0; t.len()]).collect();
         let mut place = vec![0; transforms.len()];
-        for (at, c) in apply_along_all(nodal, transforms).into_iter().enumerate() {
+        for (at, c) in apply_along_all(nodal, transforms.iter()).into_iter().enumerate() {
             let (mut rest, mut norm) = (at, 1.0);
             for (j, transform) in place.iter_mut().zip(transforms).rev() {
                 *j = rest % transform.len();

@@ -14,7 +14,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::sheet::sums::ExactMoments;
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, PhaseSpace, box_cells};
 use crate::results::dataset::ExactSolution;
 use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
@@ -205,34 +205,27 @@ fn at_time(
         }
     };
     let values = world.agree(values)?;
-    let n = space.dimension();
     let integrals = VelocityIntegrals::on_grid(world, values_of, case, time);
     let (moments, density_errors) = match integrals.grid_error() {
         Some(error) => {
             let factors = VelocityFactors::new(space);
-            let moments = Moments::of_sums(world, n, &factors, factors.at_points(&values));
+            let moments = Moments::of_sums(world, &factors, factors.at_points(&values));
             let errors = vec![error; moments.density.len()];
             (moments, errors)
         }
         None => {
             let mut found = Vec::new();
-            for cells in cells(&rank_cells.share).chunks(TOGETHER) {
+            let cells: Vec<_> = box_cells(&rank_cells.share).collect();
+            for cells in cells.chunks(TOGETHER) {
                 found.extend(integrals.on_cells(case, cells));
                 watch.progress.advance(cells.len() * watch.work.integral);
             }
             let errors = found.iter().map(|integral| integral.error).collect();
             let moments = found.into_iter().map(|integral| integral.moments);
-            (Moments::new(world, n, moments), errors)
+            (Moments::new(world, space.dimension(), moments), errors)
         }
     };
     Ok(AtTime { exact: ExactSolution::Field(values), moments, density_errors })
-}
-
-/// The space cells of a box, row-major.
-fn cells(ranges: &[Range<usize>]) -> Vec<[usize; MAX_DIMENSION]> {
-    let mut cells = Vec::new();
-    for_each_cell(ranges, |cell| cells.push(*cell));
-    cells
 }
 
 /// The exact density at the end, averaged over equal cells of space, as many as `case` has. The
@@ -259,7 +252,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     let x = case.space.x.iter().map(equal).collect();
     let case = Case { space: PhaseSpace { x, ..case.space.clone() }, ..case.clone() };
     let integrals = VelocityIntegrals::on_grid(group, &values_of, &case, case.end);
-    let cells = cells(&case.space.space_ranges());
+    let cells: Vec<_> = box_cells(&case.space.space_ranges()).collect();
     let mine = split(&(0..cells.len()), group.size(), group.rank());
     let mut density = vec![0.0; cells.len()];
     let found = integrals.on_cells(&case, &cells[mine.clone()]);

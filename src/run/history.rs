@@ -32,12 +32,10 @@ pub(super) fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) ->
 }
 
 fn moments_of_sums(prepared: &Prepared, found: Vec<Vec<f64>>) -> Moments {
-    let space = &prepared.case.space;
     let sums = found.concat();
     let (sums, _) = sums.as_chunks::<MOMENTS>();
-    let factors = VelocityFactors::new(space);
-    let world = &prepared.communicator.world;
-    Moments::of_sums(world, space.dimension(), &factors, sums.iter().copied())
+    let factors = VelocityFactors::new(&prepared.case.space);
+    Moments::of_sums(&prepared.communicator.world, &factors, sums.iter().copied())
 }
 
 /// Moments of `found`, and the fields themselves if `keep` is set.

@@ -25,7 +25,7 @@ use crate::propagate::inflow_panels::{InflowPanels, MOST, NODES};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::ledger::arrivals::Arrivals;
 use crate::run::ledger::draw::{
-    Particle, ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
+    ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
 };
 use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker};
 use crate::scheme::interface::energy::allows_elements;
@@ -89,7 +89,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
         let arrivals = estimate(world, case, &tracer, ledger);
-        if tracer.is_accurate() {
+        if tracer.is_accurate {
             found.arrivals = arrivals;
             found.arrivals.halved = tracer.halved();
         }
@@ -276,13 +276,8 @@ fn replicated(
             let sequence = SampleSequence::new(sampler.dimensions(), source.seed(replicate));
             let drawn = sampler.draw(source, &sequence, 0..many);
             let mut tally = ParticleTally::default();
-            let mut inside: Vec<Particle> = Vec::new();
-            for particle in drawn {
-                tally.add(&particle, 1.0 / many as f64);
-                if particle.inside {
-                    inside.push(particle);
-                }
-            }
+            drawn.iter().for_each(|particle| tally.add(particle, 1.0 / many as f64));
+            let inside = drawn.into_iter().filter(|particle| particle.inside).collect();
             let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
             if !sampler.case.reflects() {
                 for particle in resampled(inside, followed, sequence.offset) {
@@ -360,17 +355,11 @@ impl DataSupport {
 }
 
 /// `|f|` of the initial data at `points`; 0 where it is not finite, which is refused elsewhere.
-fn sizes_at(case: &Case, mut points: impl Iterator<Item = [f64; 6]>) -> Vec<f64> {
-    let (mut sizes, mut block) = (Vec::with_capacity(points.size_hint().0), Vec::new());
-    loop {
-        block.clear();
-        block.extend(points.by_ref().take(POINTS_AT_ONCE));
-        if block.is_empty() {
-            return sizes;
-        }
-        let values = case.fields[0].initial.at_points(&block, 0.0).into_iter();
-        sizes.extend(values.map(|f| if f.is_finite() { f.abs() } else { 0.0 }));
-    }
+fn sizes_at(case: &Case, points: impl Iterator<Item = [f64; 6]>) -> Vec<f64> {
+    let mut sizes = Vec::with_capacity(points.size_hint().0);
+    let values = case.fields[0].initial.at_each(points, 0.0);
+    sizes.extend(values.map(|f| if f.is_finite() { f.abs() } else { 0.0 }));
+    sizes
 }
 
 /// The box between `ends` (first the negatives of the lower ones, then the upper ones), enlarged by
@@ -404,7 +393,7 @@ pub fn entered_mass(prepared: &Prepared, ledger: &mut Ledger) -> Option<f64> {
     let mass = |integrals: &[f64]| {
         let rows = matrix.inflow.iter().zip(integrals);
         let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
-        space.sum_terms(&terms) * volumes.mean()
+        space.sum_terms(&terms) * volumes.mean
     };
     if !case.varies() {
         let values = matrix.inflow.iter().map(|row| case.duration() * row.values[0]);

@@ -38,10 +38,8 @@ impl RunLog {
 
     /// Prints the warnings of a plan, and a line that describes the run.
     pub fn open(&mut self, plan: &Plan) {
-        let planned = plan.warp.as_ref();
-        for warning in planned.map_or(&[][..], |warp| &warp.warnings) {
-            self.warn(warning.clone());
-        }
+        let planned = plan.warp.iter().flat_map(|warp| &warp.warnings);
+        planned.for_each(|warning| self.warn(warning.clone()));
         self.line(&opening_line(plan));
     }
 
@@ -52,8 +50,8 @@ impl RunLog {
         self.printed = self.warnings.len();
     }
 
-    /// Records `warning`, which is printed after the solve.
-    pub fn warn_later(&mut self, warning: String) {
-        self.warnings.push(warning);
+    /// Records `warnings`, which are printed after the solve.
+    pub fn warn_later(&mut self, warnings: impl IntoIterator<Item = String>) {
+        self.warnings.extend(warnings);
     }
 }

@@ -25,7 +25,6 @@ use crate::run::history::history;
 use crate::run::norms::{FieldNorms, volumes_of};
 use crate::run::solved::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::checkpoint::store::Generation;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint, RunSize};
 use crate::solve::modes;
 use crate::solve::modes::RunHooks;
@@ -52,7 +51,11 @@ pub(crate) fn by_modes(
     let SolveOutput { prints, warped, checkpointing } = output;
     let mut checkpointing = checkpointing.as_deref_mut();
     let generation = checkpointing.as_mut().and_then(|c| c.generation.take());
-    let resumed = generation.map(|found| resume_point(found, plan, communicator, rank_cells));
+    let resumed = generation.map(|generation| {
+        let finished = generation.state.finished.iter().copied().collect();
+        let batches = plan.batches_left(&finished, communicator.modes.rank());
+        ResumePoint { batches, share: &rank_cells.share, generation }
+    });
     summary.resumed = resumed.is_some();
     let fields = system.states.len();
     let stages = fields * warp.points.map_or(1, |_| warp.legs.len());
@@ -62,11 +65,15 @@ pub(crate) fn by_modes(
     let spread = spread(communicator, case, rank_cells, &modes, &system.weights.pi);
     let planned = DistributedModes { case, plan, warp, spread: &spread };
     let mut start = ModeStart::new(planned, system)?;
-    if let Some(checkpointing) = &mut checkpointing {
-        start.check(checkpointing, resumed.as_ref())?;
+    if let (Some(checkpointing), Some(begun)) = (&mut checkpointing, &start.begun) {
+        // A checkpoint must be of the file that the modes start from.
+        let generation = resumed.as_ref().map(|resumed| &resumed.generation);
+        checkpointing.store.begins_with(begun.checksum, generation)?;
     }
     let rows = system.matrix.rows();
-    let initial = start.states(&system.states, rows);
+    let states = system.states.iter().zip(&start.norms);
+    let initial: Vec<_> =
+        states.map(|(state, &norm)| InitialState::real(&state[..rows], norm)).collect();
     let stop = checkpointing.as_ref().map(|c| Arc::clone(&c.times.stop));
     let mut evolution = Evolution {
         matrix: &system.matrix,
@@ -78,7 +85,9 @@ pub(crate) fn by_modes(
         interruption: Interruption::new(&communicator.space, rows, stop),
     };
     let size = RunSize { modes: warp.modes, stages };
-    let mut checkpoints = checkpointing.map(|c| checkpoints(c, communicator, plan, size, resumed));
+    let mut checkpoints = checkpointing.map(|Checkpointing { store, times, .. }| {
+        Checkpoints::new(communicator, &plan.layout.mesh, store, times.clone(), size, resumed)
+    });
     let schedule = system.schedule.as_ref();
     let mode_run = ModeRun { planned, rank_cells, schedule, initial: &initial };
     let (kept, warped) = (start.kept.as_mut(), warped.as_mut());
@@ -153,26 +162,6 @@ impl ModeStart {
             None => system.norm(communicator, state),
         };
         Ok(Self { norms: system.states.iter().map(norm).collect(), kept, begun })
-    }
-
-    /// Checks that a checkpoint is of the file that the modes start from, if there is one.
-    ///
-    /// # Errors
-    /// As [`Store::begins_with`](crate::solve::checkpoint::store::Store::begins_with).
-    fn check(
-        &self,
-        checkpointing: &mut Checkpointing,
-        resumed: Option<&ResumePoint<'_>>,
-    ) -> Result<()> {
-        let Some(begun) = &self.begun else { return Ok(()) };
-        let generation = resumed.map(|resumed| &resumed.generation);
-        checkpointing.store.begins_with(begun.checksum, generation)
-    }
-
-    /// The first `rows` numbers of the `states` of the fields, with the norms of their modes.
-    fn states<'a>(&self, states: &'a [Vec<f64>], rows: usize) -> Vec<InitialState<'a>> {
-        let modes = states.iter().zip(&self.norms);
-        modes.map(|(state, &norm)| InitialState::real(&state[..rows], norm)).collect()
     }
 }
 
@@ -267,33 +256,6 @@ impl ModeRun<'_> {
         files.writing_seconds += started.elapsed().as_secs_f64();
         Ok(())
     }
-}
-
-/// The checkpoint that a run resumes from, with the batches that are left.
-fn resume_point<'a>(
-    generation: Generation,
-    plan: &Plan,
-    communicator: &Communicator,
-    rank_cells: &'a RankCells,
-) -> ResumePoint<'a> {
-    let finished = generation.state.finished.iter().copied().collect();
-    ResumePoint {
-        batches: plan.batches_left(&finished, communicator.modes.rank()),
-        share: &rank_cells.share,
-        generation,
-    }
-}
-
-/// The checkpoints of a run of this `size`, which may be `resumed` from one.
-fn checkpoints<'a>(
-    checkpointing: &'a mut Checkpointing,
-    communicator: &'a Communicator,
-    plan: &'a Plan,
-    size: RunSize,
-    resumed: Option<ResumePoint<'a>>,
-) -> Checkpoints<'a> {
-    let Checkpointing { store, times, .. } = checkpointing;
-    Checkpoints::new(communicator, &plan.layout.mesh, store, times.clone(), size, resumed)
 }
 
 /// Puts the counts of a run by modes into `summary`, summed over all groups. Collective.

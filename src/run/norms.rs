@@ -64,6 +64,6 @@ impl<'a> FieldNorms<'a> {
     /// `∫ |f − f_exact|` and `(∫ |f − f_exact|²)^½`, and these norms of `f_exact` itself.
     pub fn errors(&self, exact: &[f64]) -> ErrorNorms {
         let sums = self.volumes.sums(self.world, |i| errors::norm_terms(self.f[i], exact[i]));
-        ErrorNorms::of_sums(sums.map(|sum| sum * self.volumes.mean()))
+        ErrorNorms::of_sums(sums.map(|sum| sum * self.volumes.mean))
     }
 }

@@ -6,7 +6,6 @@ use crate::matrix::observables::Moments;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::Case;
-use crate::quantum::readout::Readout;
 use crate::results;
 use crate::results::dataset::{ExactSolution, PlateauPoint, Results, slices};
 use crate::results::file_checksums;
@@ -89,10 +88,7 @@ impl Solution {
             grids::write(directory, &steps)
         })?;
         log.watch.lap("write");
-        all.on_first_rank(|| match &summary.readout {
-            Some(readout) => Readout::write(readout, directory),
-            None => Ok(()),
-        })?;
+        all.on_first_rank(|| summary.readout.iter().try_for_each(|found| found.write(directory)))?;
         let names: Vec<String> = results::files(case).map(|file| file.name).collect();
         summary.files = file_checksums::of_files(&all, directory, &names)?;
         summary.finish(&all, &log.watch);

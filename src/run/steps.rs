@@ -143,12 +143,8 @@ impl<'a> Driver<'a> {
     pub fn open(&mut self, planned: &PlannedRun) -> Result<Option<Checkpointing>> {
         let prepared = &planned.prepared;
         self.log.open(&prepared.plan);
-        match self.output {
-            Some(output) => {
-                Checkpointing::open(prepared, &output, self.world.started, &mut self.log)
-            }
-            None => Ok(None),
-        }
+        let Some(output) = self.output else { return Ok(None) };
+        Checkpointing::open(prepared, &output, self.world.started, &mut self.log)
     }
 
     /// Step 6: observables of the initial data, and the ledger with its estimates by particles.
@@ -199,7 +195,7 @@ impl<'a> Driver<'a> {
         let writing_seconds = output.warped.map_or(0.0, |warped| warped.writing_seconds);
         self.log.watch.part("write", writing_seconds);
         self.log.watch.lap("solve");
-        self.warn_later(solution.warning.clone());
+        self.log.warn_later(solution.warning.clone());
         solution.early.splice(0..0, start.early.take());
         Ok(solution)
     }
@@ -217,7 +213,7 @@ impl<'a> Driver<'a> {
         let prepared = &mut planned.prepared;
         compare::refuse_not_finite(prepared, solution)?;
         let warnings = compare::compare(prepared, solution, &mut self.summary);
-        self.warn_later(warnings);
+        self.log.warn_later(warnings);
         let (log, summary) = (&mut self.log, &mut self.summary);
         if prepared.case.verify {
             compare::verify(prepared, solution, log.prints, summary);
@@ -294,7 +290,7 @@ impl<'a> Driver<'a> {
         self.summary.mass_exact = known.or_else(|| exact.moments.last().map(mass));
         let mut ledger = start.ledger;
         ledger.close(start.totals, results.totals, start.entered);
-        self.warn_later(ledger.warnings());
+        self.log.warn_later(ledger.warnings());
         self.summary.ledger = Some(ledger);
         let result = ComparedResult {
             case: &case,
@@ -303,8 +299,8 @@ impl<'a> Driver<'a> {
             density: &results.moments.density,
         };
         self.compare_with_particles(world, &start.arrivals, &result, &exact);
-        self.warn_later(self.summary.exact_field_warning());
-        self.warn_later(self.summary.exact_density_warning());
+        self.log.warn_later(self.summary.exact_field_warning());
+        self.log.warn_later(self.summary.exact_density_warning());
         self.log.watch.part("exact", results.exact_seconds);
         self.log.watch.lap("observables");
         if case.readout.is_some() {
@@ -327,10 +323,6 @@ impl<'a> Driver<'a> {
             lock,
             log: self.log,
         }
-    }
-
-    fn warn_later(&mut self, warnings: impl IntoIterator<Item = String>) {
-        warnings.into_iter().for_each(|warning| self.log.warn_later(warning));
     }
 
     /// Checks that the results can be written, and locks the directory for this run; the first rank

@@ -67,14 +67,6 @@ fn variation_in_cells(case: &Case) -> Option<String> {
     })
 }
 
-/// The key that gives `V` in a region.
-fn potential_key(potential: &[Region], region: usize) -> String {
-    match potential[region].value.table() {
-        Some(_) => TableOf::Potential(region).key(),
-        None => format!("potential.{region}.value"),
-    }
-}
-
 fn between_points(case: &Case, found: &PotentialMismatch) -> String {
     let PotentialMismatch { region, axis, point, written, taken, elements } = found;
     let (name, along) = (SPACE_NAMES[*axis], &case.space.x[*axis]);
@@ -89,7 +81,7 @@ fn between_points(case: &Case, found: &PotentialMismatch) -> String {
         "{}: the grid does not resolve V between {name} = {lower} and {upper}{more}: at {} it is \
          {} as written, and {} as the scheme takes it between its points; jumps need a region of \
          their own with where, narrow features more cells",
-        potential_key(&case.potential, *region),
+        case.potential_key(*region),
         at_point(&case.space, point),
         short(*written),
         short(*taken),

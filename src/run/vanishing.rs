@@ -6,12 +6,10 @@ use crate::base::row_major::indices;
 use crate::problem::case::{Case, Inflow, TIME, TableOf};
 use crate::problem::formula::Expression;
 use crate::problem::grid::{AxisEnd, PhaseSpace, coordinate, for_each_cell};
-use crate::problem::potential::is_one_piece;
+use crate::problem::potential::{is_one_piece, region, space_point};
 
 /// Largest number of points at which a formula is evaluated; no warning on larger grids.
 const MOST_POINTS: usize = 1 << 20;
-/// Number of points that are evaluated together.
-const POINTS_AT_ONCE: usize = 1 << 10;
 
 /// Warnings of initial data, inflow and branches of `V` that vanish on the grid.
 pub(super) fn vanishing_parts(case: &Case) -> Vec<String> {
@@ -32,21 +30,8 @@ fn warning(key: &str, points: &str) -> String {
 }
 
 /// Whether `formula` is no constant, and zero at all `points`.
-fn vanishes(formula: &Expression, mut points: impl Iterator<Item = [f64; 6]>, time: f64) -> bool {
-    if formula.constant().is_some() {
-        return false;
-    }
-    let mut block = Vec::with_capacity(POINTS_AT_ONCE);
-    loop {
-        block.clear();
-        block.extend(points.by_ref().take(POINTS_AT_ONCE));
-        if block.is_empty() {
-            return true;
-        }
-        if formula.at_points(&block, time).iter().any(|value| *value != 0.0) {
-            return false;
-        }
-    }
+fn vanishes(formula: &Expression, points: impl Iterator<Item = [f64; 6]>, time: f64) -> bool {
+    formula.constant().is_none() && formula.at_each(points, time).all(|value| value == 0.0)
 }
 
 /// The warning of initial data. Where nothing enters, the ledger warns of a solution that is zero.
@@ -118,14 +103,9 @@ fn potentials(case: &Case, space: &PhaseSpace) -> Vec<String> {
     let mut points: Vec<Vec<[f64; 6]>> = vec![Vec::new(); case.potential.len()];
     let space = space.by_elements();
     for_each_cell(&space.space_ranges(), |cell| {
-        let mut centre = [0.0; 6];
-        for (a, axis) in space.x.iter().enumerate() {
-            centre[a] = axis.centre(cell[a] as i64);
-        }
-        let holds = |condition: &Expression| condition.holds(&centre) == Some(true);
-        let own =
-            case.potential.iter().position(|region| region.condition.as_ref().is_none_or(holds));
-        let Some(own) = own else { return };
+        let centre = space_point(&space.x, cell);
+        // Undefined conditions are an error before.
+        let Ok(own) = region(&case.potential, &centre) else { return };
         points[own].push(centre);
         for (a, axis) in space.x.iter().enumerate() {
             for side in [-0.5, 0.5] {
@@ -139,9 +119,6 @@ fn potentials(case: &Case, space: &PhaseSpace) -> Vec<String> {
     let vanishing = regions.filter(|(_, (region, points))| {
         !points.is_empty() && vanishes(&region.value, points.iter().copied(), 0.0)
     });
-    let key = |i: usize| match case.potential[i].value.table() {
-        Some(_) => TableOf::Potential(i).key(),
-        None => format!("potential.{i}.value"),
-    };
-    vanishing.map(|(i, _)| warning(&key(i), "every point of its region")).collect()
+    let warning = |i| warning(&case.potential_key(i), "every point of its region");
+    vanishing.map(|(i, _)| warning(i)).collect()
 }

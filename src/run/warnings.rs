@@ -111,14 +111,12 @@ fn empty_region(region: &usize) -> String {
 pub(crate) fn opening_line(plan: &Plan) -> String {
     let mesh = &plan.layout.mesh;
     let what = match &plan.warp {
-        Some(WarpPlan { modes, applications, solves: 0, .. }) => format!(
-            "{}, {}",
-            counted(*modes, "mode", "modes"),
-            counted(*applications, "application", "applications")
-        ),
-        Some(WarpPlan { modes, solves, .. }) => {
-            let modes = counted(*modes, "mode", "modes");
-            format!("{modes}, {}", counted(*solves, "solve", "solves"))
+        Some(WarpPlan { modes, applications, solves, .. }) => {
+            let work = match solves {
+                0 => counted(*applications, "application", "applications"),
+                _ => counted(*solves, "solve", "solves"),
+            };
+            format!("{}, {work}", counted(*modes, "mode", "modes"))
         }
         None => counted(plan.classical_steps, "classical step", "classical steps"),
     };

@@ -280,7 +280,8 @@ impl LineTerms<'_> {
             // The particle came to the face from above if it moved down.
             let above = beyond < 0.0;
             let element = if above == line.up { line.element } else { x.split(across as i64).0 };
-            point[a] = x.beside_face(if above { element } else { element + 1 }, above);
+            let face = x.face(if above { element } else { element + 1 });
+            point[a] = x.beside(face, above);
             point[3 + a] = beyond;
             row.enter(self.entering, rate * weight, point);
         }

@@ -29,7 +29,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Exact, Integrator, Method, Reductions};
 use crate::problem::formula::Expression;
-use crate::problem::grid::{Axis, AxisPart, PhaseSpace, axis_names};
+use crate::problem::grid::{AxisPart, PhaseSpace, axis_names};
 use crate::scheme::interface::velocity;
 
 /// `case` without the cells, axes and modes that its solution does not need; a reduced case stays
@@ -190,13 +190,8 @@ fn why_kept(case: &Case, a: usize) -> Option<String> {
 
 /// The grid on which the results of `case` are shown.
 pub fn grid(case: &Case) -> PhaseSpace {
-    let shown = |axis: &Axis| match axis.part {
+    case.space.with_axes(|axis| match axis.part {
         AxisPart::Merged { .. } if !case.expand => axis.clone(),
         _ => axis.whole(),
-    };
-    let mut space = case.space.clone();
-    for axis in space.x.iter_mut().chain(&mut space.v) {
-        *axis = shown(axis);
-    }
-    space
+    })
 }

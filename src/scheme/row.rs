@@ -33,14 +33,13 @@ pub struct InflowSource {
 /// A value of an inflow that is not finite.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct UndefinedInflow {
-    /// Number of the field.
     pub field: usize,
     pub value: f64,
     pub point: [f64; 6],
 }
 
 /// Inflow of a row.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct InflowTerm<'a> {
     /// The fields that have inflow; empty without inflow.
     pub fields: &'a [LiouvilleField],

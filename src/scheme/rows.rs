@@ -30,8 +30,10 @@ use std::ops::Range;
 pub struct Scheme<'a> {
     case: &'a Case,
     space: &'a PhaseSpace,
-    potential: Potential,
-    no_inflow: bool,
+    /// `V` on the cells of these rows.
+    pub potential: Potential,
+    /// The fields that have inflow, and the time of the inflow.
+    entering: InflowTerm<'a>,
     /// Constants of the Galerkin rows; none for the upwind scheme of degree 0.
     elements: Option<Elements>,
 }
@@ -51,7 +53,9 @@ impl<'a> Scheme<'a> {
         let potential = Potential::new(case, &wider)?;
         let elements =
             if case.is_galerkin() { Some(Elements::new(case, &potential)?) } else { None };
-        Ok(Self { case, space: &case.space, potential, no_inflow: !case.enters(), elements })
+        let fields: &[LiouvilleField] = if case.enters() { &case.fields } else { &[] };
+        let entering = InflowTerm { fields, time: case.start_time };
+        Ok(Self { case, space: &case.space, potential, entering, elements })
     }
 
     /// The scheme on the whole grid.
@@ -60,11 +64,6 @@ impl<'a> Scheme<'a> {
     /// As [`new`](Self::new).
     pub fn whole(case: &'a Case) -> Result<Self> {
         Self::new(case, &case.space.space_ranges())
-    }
-
-    /// `V` on the cells of these rows.
-    pub fn potential(&self) -> &Potential {
-        &self.potential
     }
 
     /// Row `index` of `A` and `b`.
@@ -94,7 +93,7 @@ impl<'a> Scheme<'a> {
             space: self.space,
             potential: &self.potential,
             elements,
-            entering: self.entering(),
+            entering: self.entering,
         })
     }
 
@@ -162,11 +161,9 @@ impl<'a> Scheme<'a> {
     fn behind_face(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool, rate: f64) {
         let n = self.space.dimension();
         let step = if above { 1 } else { -1 };
-        if axis >= n {
-            let a = axis - n;
+        if let Some(a) = axis.checked_sub(n) {
             let source = [cell[a] as i64, cell[n + a] as i64 + step];
-            self.take(row, cell, a, source, rate);
-            return;
+            return self.take(row, cell, a, source, rate);
         }
         let a = axis;
         // V of this cell minus V of the neighbour.
@@ -210,13 +207,7 @@ impl<'a> Scheme<'a> {
         let mut point = self.space.point(cell);
         point[a] = x.centre(inside.map_or(i, |place| place as i64));
         point[3 + a] = v.centre(j);
-        row.enter(self.entering(), rate, point);
-    }
-
-    /// The fields that have inflow, and the time of the inflow.
-    fn entering(&self) -> InflowTerm<'_> {
-        let fields: &[LiouvilleField] = if self.no_inflow { &[] } else { &self.case.fields };
-        InflowTerm { fields, time: self.case.start_time }
+        row.enter(self.entering, rate, point);
     }
 
     /// `Σ rate b²` over the sources of a row of the field with inflow; for degree 0, `b²/g` with

@@ -153,7 +153,7 @@ impl Prepared {
 /// The size of `matrix` on the fullest rank of `world`. Collective.
 fn assembled_size(world: &Group, matrix: &BlockMatrix) -> AssembledSize {
     let largest = |number: usize, of: usize| world.max(number as f64 / of.max(1) as f64);
-    let assembly = matrix.assembly_size();
+    let assembly = matrix.assembly;
     AssembledSize {
         bytes_per_row: largest(matrix.bytes(), matrix.rows()),
         bytes_per_row_before: largest(assembly.bytes, matrix.rows()),

@@ -20,7 +20,7 @@
 //! zero there may be found in both or in none. Velocity elements therefore reach over their faces
 //! by `overlap`, with weights that fall linearly from 1 to 0 and sum to 1.
 
-use crate::base::quadrature::gauss_legendre;
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::base::row_major::position;
 use crate::matrix::elements::{Element, apply_along_all, for_each_element};
 use crate::matrix::observables::level_sets::{IDENTITY, determinant};
@@ -54,14 +54,6 @@ fn overlap(degree: usize) -> f64 {
     0.5 / ((degree + 1) * (degree + 1)) as f64
 }
 
-/// A point of a quadrature rule along an axis.
-struct RulePoint {
-    /// Coordinate of the point in the reference element.
-    xi: f64,
-    /// Weight of the point as a part of the element's width.
-    weight: f64,
-}
-
 /// An axis of the elements.
 struct ElementAxis {
     nodes: Nodes,
@@ -69,7 +61,8 @@ struct ElementAxis {
     reach: f64,
     /// Maps values at the nodes to Bernstein coefficients on that domain.
     to_bernstein: Vec<Vec<f64>>,
-    samples: Vec<RulePoint>,
+    /// The points of the rule, with weights as parts of the element's width.
+    samples: Vec<QuadraturePoint>,
     /// Upper ends of the cells in the reference element.
     faces: Vec<f64>,
 }
@@ -91,7 +84,7 @@ impl ElementAxis {
         let rule = gauss_legendre(points);
         let samples = parts.iter().flat_map(|[lower, upper]| {
             let points = rule.iter().map(|point| point.moved_to([*lower, *upper]));
-            points.map(|p| RulePoint { xi: p.node, weight: 0.5 * p.weight })
+            points.map(|p| QuadraturePoint { weight: 0.5 * p.weight, ..p })
         });
         Self {
             nodes,
@@ -184,19 +177,14 @@ pub fn for_each_zero(
     let n = space.dimension();
     let lines: Vec<ElementAxis> =
         space.axes().enumerate().map(|(a, axis)| ElementAxis::new(axis.nodes, a >= n, n)).collect();
-    let matrices: Vec<Vec<Vec<f64>>> = lines.iter().map(|l| l.to_bernstein.clone()).collect();
     for_each_element(space, share, |element| {
-        let coefficients = |field: &[f64]| apply_along_all(&element.nodal(share, field), &matrices);
-        let mut level_sets = Vec::with_capacity(n);
-        for psi in psi {
-            let psi = coefficients(psi);
-            if has_one_sign(&psi) {
-                return;
-            }
-            level_sets.push(psi);
-        }
-        let patch =
-            SurfacePatch { element, space, lines: &lines, phi: coefficients(phi), psi: level_sets };
+        let matrices = || lines.iter().map(|line| &line.to_bernstein);
+        let coefficients =
+            |field: &[f64]| apply_along_all(&element.nodal(share, field), matrices());
+        // A level set of one sign has no zero in the element.
+        let may_vanish = |psi: &&[f64]| Some(coefficients(psi)).filter(|psi| !has_one_sign(psi));
+        let Some(psi) = psi.iter().map(may_vanish).collect() else { return };
+        let patch = SurfacePatch { element, space, lines: &lines, phi: coefficients(phi), psi };
         for solved in AxisSet::of_size(2 * n, n) {
             let constant = |b: usize| solved.contains(b) && lines[b].nodes.degree == 0;
             if !(0..2 * n).any(constant) {
@@ -221,7 +209,7 @@ impl SurfacePatch<'_> {
             for b in (0..axes).rev().filter(|b| !is_solved(*b)) {
                 let sample = &self.lines[b].samples[rest % counts[b]];
                 rest /= counts[b];
-                xi[b] = sample.xi;
+                xi[b] = sample.node;
                 weight *= sample.weight;
             }
             let rows: Vec<AxisRow> = (self.lines.iter().enumerate())

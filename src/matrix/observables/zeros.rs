@@ -179,16 +179,12 @@ fn halves(part: BoxPart, shape: &[usize]) -> Vec<BoxPart> {
         parts = parts
             .into_iter()
             .flat_map(|part| {
-                let [lower, upper]: [Vec<Vec<f64>>; 2] = [false, true].map(|upper| {
-                    part.components.iter().map(|c| half(c, shape, axis, upper)).collect()
-                });
-                let mut shifted = part.lower;
-                shifted[axis] += f64::powi(0.5, part.halvings);
-                let halvings = part.halvings;
-                [
-                    BoxPart { lower: part.lower, halvings, components: lower },
-                    BoxPart { lower: shifted, halvings, components: upper },
-                ]
+                [false, true].map(|upper| {
+                    let halves = part.components.iter().map(|c| half(c, shape, axis, upper));
+                    let mut lower = part.lower;
+                    lower[axis] += if upper { f64::powi(0.5, part.halvings) } else { 0.0 };
+                    BoxPart { lower, halvings: part.halvings, components: halves.collect() }
+                })
             })
             .collect();
     }

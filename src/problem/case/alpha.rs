@@ -80,14 +80,11 @@ fn extension(alpha: &Expression) -> std::result::Result<Piecewise, String> {
         ));
     }
     let lower = lower_end(alpha)?;
-    Piecewise::fit(&|p| value(alpha, p), [lower, 0.0], LARGEST_EXTENSION).map_err(|failure| {
-        match failure {
-            Failure::Unbounded { at } => unbounded(alpha, at),
-            Failure::Rough { at } => {
-                format!(
-                    "changes too fast about p = {at:.6}; give a smoother formula, or fewer jumps"
-                )
-            }
+    let fitted = Piecewise::fit(&|p| value(alpha, p), [lower, 0.0], LARGEST_EXTENSION);
+    fitted.map_err(|failure| match failure {
+        Failure::Unbounded { at } => unbounded(alpha, at),
+        Failure::Rough { at } => {
+            format!("changes too fast about p = {at:.6}; give a smoother formula, or fewer jumps")
         }
     })
 }

@@ -12,7 +12,7 @@ use serde::Deserialize;
 pub const DEGREE_KEY: &str = "scheme.degree";
 
 /// One table `[[axis]]`: a space axis and its velocity axis.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 pub struct AxisPair {
     x: Option<AxisTable>,
     v: Option<AxisTable>,

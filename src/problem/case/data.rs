@@ -320,7 +320,7 @@ pub enum ExactTimes {
 }
 
 /// A table `[[potential]]` as it is written.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 pub struct RegionTable {
     #[serde(rename = "where")]
     condition: Option<Formula>,

@@ -91,15 +91,11 @@ impl<'t> CaseFile<'t> {
         name.to_string_lossy().into_owned()
     }
 
-    /// The span that represents the `--set` of this number.
-    fn span_of_override(&self, number: usize) -> Range<usize> {
-        let place = self.text.len() + 1 + number;
-        place..place
-    }
-
     /// Applies the override `text`, which has this number.
     fn set(&mut self, number: usize, text: &'t str) -> Result<()> {
-        let span = self.span_of_override(number);
+        // The span that represents this `--set`.
+        let place = self.text.len() + 1 + number;
+        let span = place..place;
         let fail = |file: &Self, message: &str| Err(file.error_at(Some(span.clone()), message));
         let Some((path, value)) = text.split_once('=') else {
             return fail(self, "expected key=value");

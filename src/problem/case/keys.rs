@@ -55,12 +55,6 @@ struct KindRecorder<'a> {
     kind: &'a RefCell<ValueKind>,
 }
 
-impl KindRecorder<'_> {
-    fn record(self, kind: ValueKind) {
-        self.kind.replace(kind);
-    }
-}
-
 impl IntoDeserializer<'_, Mistake> for KindRecorder<'_> {
     type Deserializer = Self;
 
@@ -95,22 +89,22 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
     }
 
     fn deserialize_f64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.record(ValueKind::Number);
+        self.kind.replace(ValueKind::Number);
         visitor.visit_f64(1.0)
     }
 
     fn deserialize_i64<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.record(ValueKind::Whole);
+        self.kind.replace(ValueKind::Whole);
         visitor.visit_i64(1)
     }
 
     fn deserialize_bool<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.record(ValueKind::Switch);
+        self.kind.replace(ValueKind::Switch);
         visitor.visit_bool(true)
     }
 
     fn deserialize_string<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
-        self.record(ValueKind::Text);
+        self.kind.replace(ValueKind::Text);
         visitor.visit_str("")
     }
 
@@ -123,7 +117,7 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
         _: &'static str,
         visitor: V,
     ) -> Result<V::Value, Mistake> {
-        self.record(ValueKind::Formula);
+        self.kind.replace(ValueKind::Formula);
         let text: StringDeserializer<Mistake> = "1".to_owned().into_deserializer();
         visitor.visit_newtype_struct(text)
     }
@@ -132,7 +126,7 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
         let item = RefCell::default();
         let read =
             visitor.visit_seq(SeqDeserializer::new(iter::once(KindRecorder { kind: &item })))?;
-        self.record(ValueKind::List(Box::new(item.into_inner())));
+        self.kind.replace(ValueKind::List(Box::new(item.into_inner())));
         Ok(read)
     }
 
@@ -149,7 +143,7 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
     fn deserialize_map<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mistake> {
         let mut read = read_table(&["name"], visitor)?;
         let kind = read.kinds.pop().map(|(_, kind)| kind);
-        self.record(ValueKind::Names(Box::new(kind.unwrap_or_default())));
+        self.kind.replace(ValueKind::Names(Box::new(kind.unwrap_or_default())));
         Ok(read.value)
     }
 
@@ -160,7 +154,7 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
         visitor: V,
     ) -> Result<V::Value, Mistake> {
         let ReadTable { value, kinds } = read_table(known, visitor)?;
-        self.record(match name {
+        self.kind.replace(match name {
             SWITCHES => ValueKind::Switches(kinds),
             _ => ValueKind::Table(kinds),
         });
@@ -174,10 +168,10 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
         visitor: V,
     ) -> Result<V::Value, Mistake> {
         if name == NUMBER_OR {
-            self.record(ValueKind::NumberOr(words));
+            self.kind.replace(ValueKind::NumberOr(words));
             return visitor.visit_f64(1.0);
         }
-        self.record(ValueKind::Word(words));
+        self.kind.replace(ValueKind::Word(words));
         visitor.visit_enum(StrDeserializer::new(words[0]))
     }
 

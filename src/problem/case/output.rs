@@ -38,7 +38,6 @@ pub enum DeltaWidth {
 /// A time before the end, possibly the start, at which results are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutputTime {
-    /// The time.
     pub time: f64,
     /// Whether whole fields are written; otherwise only their moments are.
     pub fields: bool,
@@ -58,7 +57,6 @@ pub struct OutputTimes {
 /// `output.moments_every` or `output.fields_every`, if it is longer than the run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IdleInterval {
-    /// The key.
     pub key: &'static str,
     /// The interval.
     pub every: f64,
@@ -91,13 +89,6 @@ impl Storage {
             None => 0,
         }
     }
-}
-
-/// The times of `moments_every` and `fields_every`.
-struct RepeatedTimes {
-    times: Vec<OutputTime>,
-    /// The intervals of which no multiple is among them.
-    idle: Vec<IdleInterval>,
 }
 
 /// `[output]` as it is written.
@@ -133,8 +124,7 @@ impl OutputTable {
     /// is `known`.
     pub fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
         let mut times = self.listed(file, &run, known)?;
-        let repeated = self.repeated(file, &run, known)?;
-        times.extend(repeated.times);
+        let idle = self.add_repeated(&mut times, file, &run, known)?;
         let mut times = merged(times, shortest_distance(&run));
         if times.len() > MOST_TIMES {
             let message = format!("{} times in all; at most {MOST_TIMES}", times.len());
@@ -144,7 +134,7 @@ impl OutputTable {
         Ok(OutputTimes {
             start: at_start,
             between: times.split_off(usize::from(at_start.is_some())),
-            idle: repeated.idle,
+            idle,
         })
     }
 
@@ -179,15 +169,17 @@ impl OutputTable {
         Ok(times)
     }
 
-    /// The times of `moments_every` and `fields_every`.
-    fn repeated(
+    /// Adds the times of `moments_every` and `fields_every`. Returns the intervals of which no
+    /// multiple is among them.
+    fn add_repeated(
         &self,
+        times: &mut Vec<OutputTime>,
         file: &CaseFile<'_>,
         run: &Range<f64>,
         known: bool,
-    ) -> Result<RepeatedTimes> {
+    ) -> Result<Vec<IdleInterval>> {
         let Range { start, end } = *run;
-        let (mut times, mut idle) = (Vec::new(), Vec::new());
+        let mut idle = Vec::new();
         let intervals = [
             ("output.moments_every", self.moments_every, false),
             ("output.fields_every", self.fields_every, true),
@@ -213,12 +205,28 @@ impl OutputTable {
             }
             times.extend(multiples.map(|time| OutputTime { time, fields }));
         }
-        Ok(RepeatedTimes { times, idle })
+        Ok(idle)
     }
 
     /// Checks `plateau`.
     pub fn plateau(&self, file: &CaseFile<'_>) -> Result<Option<Plateau>> {
-        self.plateau.as_ref().map(|table| table.check(file)).transpose()
+        /// Each point takes 24 bytes per cell.
+        const MOST_POINTS: usize = 1000;
+        let key = "output.plateau.points";
+        let Some(PlateauTable { from, to, points }) = self.plateau else { return Ok(None) };
+        let points = file.count(key, points.unwrap_or(9), 2)?;
+        if points > MOST_POINTS {
+            return file.refuse(key, format!("must be at most {MOST_POINTS}"));
+        }
+        for (key, value) in [("output.plateau.from", from), ("output.plateau.to", to)] {
+            file.between(key, value.unwrap_or(0.0), [-LARGEST_RECOVERY, LARGEST_RECOVERY])?;
+        }
+        if let (Some(from), Some(to)) = (from, to)
+            && from >= to
+        {
+            return file.refuse("output.plateau.to", format!("must be above from = {from}"));
+        }
+        Ok(Some(Plateau { from, to, points }))
     }
 
     /// How the fields are stored.
@@ -295,33 +303,11 @@ fn merged(mut times: Vec<OutputTime>, same: f64) -> Vec<OutputTime> {
 }
 
 /// `output.plateau` as it is written.
-#[derive(Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Deserialize)]
 struct PlateauTable {
     from: Option<f64>,
     to: Option<f64>,
     points: Option<i64>,
-}
-
-impl PlateauTable {
-    fn check(&self, file: &CaseFile<'_>) -> Result<Plateau> {
-        /// Each point takes 24 bytes per cell.
-        const MOST_POINTS: usize = 1000;
-        let key = "output.plateau.points";
-        let points = file.count(key, self.points.unwrap_or(9), 2)?;
-        if points > MOST_POINTS {
-            return file.refuse(key, format!("must be at most {MOST_POINTS}"));
-        }
-        let ends = [("output.plateau.from", self.from), ("output.plateau.to", self.to)];
-        for (key, value) in ends {
-            file.between(key, value.unwrap_or(0.0), [-LARGEST_RECOVERY, LARGEST_RECOVERY])?;
-        }
-        if let (Some(from), Some(to)) = (self.from, self.to)
-            && from >= to
-        {
-            return file.refuse("output.plateau.to", format!("must be above from = {from}"));
-        }
-        Ok(Plateau { from: self.from, to: self.to, points })
-    }
 }
 
 /// The reason why this HDF5 library cannot compress a dataset that several ranks write; `None` if

@@ -15,7 +15,8 @@ use toml::Spanned;
 use toml::de::{DeInteger, DeTable, DeValue};
 
 /// A mistake in a case file.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("{message}")]
 pub struct Mistake {
     /// The full key of the mistake, once it is known.
     pub key: Option<String>,
@@ -36,14 +37,6 @@ impl Mistake {
         self
     }
 }
-
-impl Display for Mistake {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.message)
-    }
-}
-
-impl std::error::Error for Mistake {}
 
 impl de::Error for Mistake {
     fn custom<T: Display>(message: T) -> Self {
@@ -406,14 +399,8 @@ impl Item for List<f64> {
 }
 
 /// A list whose error messages name its elements.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct List<T>(pub Vec<T>);
-
-impl<T> Default for List<T> {
-    fn default() -> Self {
-        Self(Vec::new())
-    }
-}
 
 impl<'de, T: Item> Deserialize<'de> for List<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

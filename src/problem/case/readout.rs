@@ -132,18 +132,15 @@ impl ReadoutTable {
             let axes = space.x.iter().zip(row).enumerate();
             axes.map(|(a, (axis, &x))| {
                 let cell = if by_number { cell_of_number(axis, x) } else { axis.cell_holding(x) };
-                cell.map_or_else(
-                    || {
-                        let allowed = if by_number {
-                            format!("whole numbers from 0 to {}", axis.cells - 1)
-                        } else {
-                            format!("numbers from {} to {}", axis.lower, axis.upper)
-                        };
-                        let name = SPACE_NAMES[a];
-                        file.refuse(key, format!("{x} along {name}; {allowed} expected"))
-                    },
-                    Ok,
-                )
+                cell.ok_or_else(|| {
+                    let allowed = if by_number {
+                        format!("whole numbers from 0 to {}", axis.cells - 1)
+                    } else {
+                        format!("numbers from {} to {}", axis.lower, axis.upper)
+                    };
+                    let name = SPACE_NAMES[a];
+                    file.error(key, &format!("{x} along {name}; {allowed} expected"))
+                })
             })
             .collect()
         };

@@ -306,14 +306,7 @@ pub struct AllowedReductions {
 
 impl Default for AllowedReductions {
     fn default() -> Self {
-        Self::all(true)
-    }
-}
-
-impl AllowedReductions {
-    /// All reductions, or none.
-    pub fn all(allowed: bool) -> Self {
-        Self { axes: allowed, velocities: allowed, inflow: allowed, modes: allowed }
+        Self { axes: true, velocities: true, inflow: true, modes: true }
     }
 }
 

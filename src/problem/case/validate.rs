@@ -118,18 +118,9 @@ impl Case {
             "output.moments_every", "output.moment_times", "output.field_times",
             "output.fields_every",
         ];
-        match timed.into_iter().find(|key| file.has(key)) {
-            Some(key) => {
-                let inflow = self.inflow_key();
-                file.refuse(
-                    key,
-                    format!(
-                        "with t in {inflow} results are written at time.end only; leave it out"
-                    ),
-                )
-            }
-            None => Ok(()),
-        }
+        let Some(key) = timed.into_iter().find(|key| file.has(key)) else { return Ok(()) };
+        let message = "results are written at time.end only; leave it out";
+        file.refuse(key, format!("with t in {} {message}", self.inflow_key()))
     }
 
     /// Refuses settings that contradict `initial.warped`.

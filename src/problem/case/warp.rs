@@ -404,8 +404,7 @@ impl WarpTable {
         let Some(points) = self.points else { return Ok(None) };
         let points = file.count(key, points, 2)?;
         if !points.is_multiple_of(2) || points > MOST_POINTS {
-            let message = format!("must be even, and at most {MOST_POINTS}");
-            return file.refuse(key, message);
+            return file.refuse(key, format!("must be even, and at most {MOST_POINTS}"));
         }
         Ok(Some(points))
     }

@@ -45,12 +45,8 @@ pub(super) fn moves_by_axes(traced: &TracedPotential) -> bool {
     let space = &traced.space;
     let n = space.dimension();
     let ranges = space.space_ranges();
-    let mut largest = [0.0f64; MAX_DIMENSION];
-    for_each_cell(&ranges, |i| {
-        for (a, largest) in largest.iter_mut().enumerate().take(n) {
-            *largest = largest.max(traced.jump_below(i, a).abs());
-        }
-    });
+    let jumps = traced.linear.largest_jumps(space);
+    let largest = jumps.map(|jump| jump.map_or(0.0, |jump| jump.height));
     let steepest: Vec<f64> = (0..n).map(|a| traced.steepest(a)).collect();
     let mut same = n > 1 && steepest.iter().any(|slope| *slope != 0.0);
     if !same {
@@ -60,9 +56,9 @@ pub(super) fn moves_by_axes(traced: &TracedPotential) -> bool {
         for a in 0..n {
             let mut alone = [0; MAX_DIMENSION];
             alone[a] = i[a];
-            let slopes = [i, &alone].map(|i| traced.slope(i, a));
+            let slopes = [i, &alone].map(|i| traced.linear.slope(i, a));
             let bent = [i, &alone].map(|i| traced.curvatures(i)[a] * space.x[a].width());
-            let jumps = [i, &alone].map(|i| traced.jump_below(i, a));
+            let jumps = [i, &alone].map(|i| traced.linear.jump_below(i, a));
             same &= (slopes[0] - slopes[1]).abs() <= SAME * steepest[a];
             same &= (bent[0] - bent[1]).abs() <= SAME * steepest[a];
             same &= (jumps[0] - jumps[1]).abs() <= SAME * largest[a];
@@ -125,7 +121,7 @@ impl AxisPiece {
 pub(super) struct AxisLine {
     pieces: Vec<AxisPiece>,
     /// The piece of each cell.
-    of_cell: Vec<usize>,
+    pub(super) of_cell: Vec<usize>,
     /// `V⁺ − V⁻` by end of a piece, the lowest first, zero at the ends of the axis.
     jumps: Vec<f64>,
     /// Whether the axis is periodic: the first cell follows the last one.
@@ -147,18 +143,18 @@ enum AtFace {
 }
 
 impl AxisLine {
-    /// All axes; none if a velocity box does not contain zero. Velocities are `w = direction · v`.
-    pub(super) fn all(potential: &TracedPotential, direction: f64) -> Vec<Self> {
+    /// All axes, for motion back in time; none if a velocity box does not contain zero.
+    pub(super) fn all(potential: &TracedPotential) -> Vec<Self> {
         let space = &potential.space;
         if space.v.iter().all(|v| v.lower <= 0.0 && v.upper >= 0.0) {
-            (0..space.dimension()).map(|a| Self::along(potential, a, direction)).collect()
+            (0..space.dimension()).map(|a| Self::along(potential, a)).collect()
         } else {
             Vec::new()
         }
     }
 
     /// The line through the first cells of the other axes.
-    fn along(potential: &TracedPotential, a: usize, direction: f64) -> Self {
+    fn along(potential: &TracedPotential, a: usize) -> Self {
         let space = &potential.space;
         let axis = &space.x[a];
         let at = |i: usize| {
@@ -173,7 +169,7 @@ impl AxisLine {
         };
         let cells: Vec<AxisPiece> = (0..axis.cells).map(cell).collect();
         let jump = |i: usize| {
-            if 0 < i && i < axis.cells { potential.jump_below(&at(i), a) } else { 0.0 }
+            if 0 < i && i < axis.cells { potential.linear.jump_below(&at(i), a) } else { 0.0 }
         };
         let tolerance = SAME * potential.steepest(a);
         let goes_on = |i: usize| {
@@ -198,14 +194,9 @@ impl AxisLine {
             of_cell,
             jumps,
             is_periodic: space.is_periodic(a),
-            box_ends: directed_ends(&space.v[a], direction),
+            box_ends: directed_ends(&space.v[a], -1.0),
             rest: 8.0 * REST * axis.width() * potential.steepest(a),
         }
-    }
-
-    /// The piece of a cell.
-    pub(super) fn piece_of(&self, cell: usize) -> usize {
-        self.of_cell[cell]
     }
 
     /// The particle when no time is left, or when it leaves the box. `None` if it may come to rest

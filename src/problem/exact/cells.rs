@@ -17,7 +17,7 @@ pub(super) struct TracedPotential {
     /// The cells, of degree 0.
     pub space: PhaseSpace,
     /// Jumps, and slopes at the centres of cells.
-    potential: Potential,
+    pub linear: Potential,
     /// By cell and axis; empty where `V` is linear in all cells.
     curvatures: Vec<[f64; MAX_DIMENSION]>,
 }
@@ -30,32 +30,12 @@ impl TracedPotential {
     /// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
     pub fn new(case: &Case, space: PhaseSpace, is_bent: bool) -> Result<Self> {
         let case = Case { space, ..case.clone() };
-        let potential = Potential::whole(&case)?;
+        let linear = Potential::whole(&case)?;
         let mut curvatures = if is_bent { curvatures(&case)? } else { Vec::new() };
         if curvatures.iter().all(|along| *along == [0.0; MAX_DIMENSION]) {
             curvatures = Vec::new();
         }
-        Ok(Self { space: case.space, potential, curvatures })
-    }
-
-    /// As [`Potential::jump_below`].
-    pub fn jump_below(&self, cell: &[usize], axis: usize) -> f64 {
-        self.potential.jump_below(cell, axis)
-    }
-
-    /// As [`Potential::jump_above`].
-    pub fn jump_above(&self, cell: &[usize], axis: usize) -> f64 {
-        self.potential.jump_above(cell, axis)
-    }
-
-    /// The slopes along all axes at the centre of a cell.
-    pub fn slopes(&self, cell: &[usize]) -> &[f64; MAX_DIMENSION] {
-        self.potential.slopes(cell)
-    }
-
-    /// `∂V/∂x_a` along `axis` at the centre of a cell.
-    pub fn slope(&self, cell: &[usize], axis: usize) -> f64 {
-        self.potential.slope(cell, axis)
+        Ok(Self { space: case.space, linear, curvatures })
     }
 
     /// The curvatures along all axes in a cell.
@@ -68,7 +48,7 @@ impl TracedPotential {
     pub fn force(&self, cell: &[usize; MAX_DIMENSION], axis: usize) -> CellForce {
         CellForce {
             centre: self.space.x[axis].centre(cell[axis] as i64),
-            slope: self.slope(cell, axis),
+            slope: self.linear.slope(cell, axis),
             curvature: self.curvatures(cell)[axis],
         }
     }
@@ -76,15 +56,15 @@ impl TracedPotential {
     /// Largest `|∂V/∂x_a|` along `axis`, or a little more.
     pub fn steepest(&self, axis: usize) -> f64 {
         let bent = self.curvatures.iter().fold(0.0f64, |most, along| most.max(along[axis].abs()));
-        self.potential.steepest(axis) + 0.5 * bent * self.space.x[axis].width()
+        self.linear.steepest(axis) + 0.5 * bent * self.space.x[axis].width()
     }
 
     /// Whether `V` is constant in a cell, and does not jump at its faces.
     pub fn is_free(&self, cell: &[usize; MAX_DIMENSION]) -> bool {
         (0..self.space.dimension()).all(|a| {
-            self.slope(cell, a) == 0.0
-                && self.jump_below(cell, a) == 0.0
-                && self.jump_above(cell, a) == 0.0
+            self.linear.slope(cell, a) == 0.0
+                && self.linear.jump_below(cell, a) == 0.0
+                && self.linear.jump_above(cell, a) == 0.0
         }) && self.curvatures(cell) == [0.0; MAX_DIMENSION]
     }
 }

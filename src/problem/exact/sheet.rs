@@ -284,10 +284,7 @@ impl<'a> Sheets<'a> {
             self.follow(sheet, piece);
         }
         let found = std::mem::take(&mut self.found);
-        match self.failure.take() {
-            Some(failure) => Err(failure),
-            None => Ok((found, self.used)),
-        }
+        self.failure.take().map_or(Ok((found, self.used)), Err)
     }
 
     fn space(&self) -> &'a PhaseSpace {
@@ -417,7 +414,7 @@ impl<'a> Sheets<'a> {
     /// Whether an image bends by more than [`BENDING`] allows.
     fn bent(&self, shape: &ImageShape) -> bool {
         let mut axes = self.space().x.iter().zip(&shape.bend);
-        axes.any(|(axis, bend)| bend.abs() > BENDING * mean_width(axis))
+        axes.any(|(axis, bend)| bend.abs() > BENDING * axis.mean_width())
     }
 
     /// The axis along which a box should be halved: the first along which its corners took
@@ -442,7 +439,7 @@ impl<'a> Sheets<'a> {
             shape.is_some_and(|shape| {
                 let mut axes = self.space().x.iter().zip(&shape.secants[a]);
                 let change = shape.change.abs() > CHANGE * centre.density.abs();
-                let mut wide = || axes.any(|(axis, s)| s.abs() > WIDEST * mean_width(axis));
+                let mut wide = || axes.any(|(axis, s)| s.abs() > WIDEST * axis.mean_width());
                 change || self.bent(shape) || n > 1 && wide()
             })
         };
@@ -539,11 +536,6 @@ impl<'a> Sheets<'a> {
             }
         }
     }
-}
-
-/// Mean width of the cells of an axis.
-fn mean_width(axis: &Axis) -> f64 {
-    axis.width() / axis.nodes.count() as f64
 }
 
 /// The cells of an axis.

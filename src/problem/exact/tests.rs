@@ -759,7 +759,7 @@ fn the_scheme_has_the_same_sources() {
     for (left, right) in [("0.2", "0"), ("0", "0.2"), ("0.3", "0.3125")] {
         let case = telltale(v_box, &[("x < 0", left), ("", right)]);
         let (tracer, axis) = (tracer(&case), &case.space.v[0]);
-        let up = tracer.potential.jump_below(&[15], 0);
+        let up = tracer.potential.linear.jump_below(&[15], 0);
         for j in 0..axis.cells as i64 {
             // A particle that has just left the face x = 0.
             let v = axis.centre(j);

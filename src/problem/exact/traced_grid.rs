@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::element::Nodes;
 use crate::problem::exact::cells::TracedPotential;
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
 use crate::problem::potential::{ElementShape, Potential, region_edges};
 
 /// An edge of a region this close to a face, as a fraction of an element, counts as lying on it.
@@ -19,15 +19,12 @@ const CURVATURE_DEGREE: usize = 3;
 pub(super) fn free_layers(potential: &TracedPotential) -> Vec<u32> {
     let space = &potential.space;
     let n = space.dimension();
-    let mut distance = Vec::with_capacity(space.space_cells());
-    for_each_cell(&space.space_ranges(), |i| {
-        distance.push(if potential.is_free(i) { u32::MAX } else { 0 });
-    });
+    let layers = |i| if potential.is_free(&i) { u32::MAX } else { 0 };
+    let mut distance: Vec<u32> = box_cells(&space.space_ranges()).map(layers).collect();
     // Chebyshev distance to the nearest cell that is not free, by one sweep up and one down
     // (Rosenfeld and Pfaltz 1966), over the neighbours that come before a cell in row-major order
     // and over their mirror images.
-    let mut before = Vec::new();
-    for_each_cell(&vec![0..3; n], |d| before.push(d.map(|d| d as i64 - 1)));
+    let mut before: Vec<_> = box_cells(&vec![0..3; n]).map(|d| d.map(|d| d as i64 - 1)).collect();
     before.truncate(before.len() / 2);
     for sign in [1, -1] {
         // The sweep down visits the mirror images of the cells in the order of the sweep up.

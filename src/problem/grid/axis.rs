@@ -45,6 +45,14 @@ pub enum AxisPart {
     },
 }
 
+/// The axis that another one is a window of.
+struct WholeAxis {
+    ends: [f64; 2],
+    elements: usize,
+    /// Number, on this axis, of the first element of the window.
+    first: usize,
+}
+
 impl Axis {
     /// The whole axis `[lower, upper]` with cells of degree 0.
     pub fn new(lower: f64, upper: f64, cells: usize) -> Self {
@@ -118,11 +126,6 @@ impl Axis {
         8.0 * f64::EPSILON * self.largest_magnitude()
     }
 
-    /// The coordinate [`beside`](Self::beside) face `i`, the lower one of element `i`.
-    pub fn beside_face(&self, i: i64, above: bool) -> f64 {
-        self.beside(self.face(i), above)
-    }
-
     /// `x`, or [`just_outside`](Self::just_outside) if that is nearer than round-off.
     pub fn outside_of_end(&self, x: f64) -> f64 {
         let near = |end: f64| (x - end).abs() <= 1e-12 * (self.upper - self.lower);
@@ -154,47 +157,36 @@ impl Axis {
         Some(terms.sum::<f64>() / (whole.upper - whole.lower))
     }
 
-    /// Number of the first element on the whole axis.
-    fn first(&self) -> i64 {
-        match self.part {
-            AxisPart::Window { first, .. } => first as i64,
-            _ => 0,
-        }
-    }
-
     /// Number of the first cell on the whole axis.
     pub fn first_cell(&self) -> usize {
-        self.first() as usize * self.nodes.count()
+        self.of_whole().first * self.nodes.count()
     }
 
     /// Whether element `e`, counted from the first one here, is on the whole axis but was left out.
     /// Values there are zero.
     pub fn leaves_out(&self, e: i64) -> bool {
-        let AxisPart::Window { of, .. } = self.part else { return false };
-        let whole = (0..of as i64).contains(&(e + self.first()));
+        let AxisPart::Window { of, first, .. } = self.part else { return false };
+        let whole = (0..of as i64).contains(&(e + first as i64));
         whole && !(0..self.elements() as i64).contains(&e)
     }
 
-    /// Ends of the axis that this is a window of.
-    fn ends_of_whole(&self) -> [f64; 2] {
+    /// The axis that this is a window of; this one if it is none.
+    fn of_whole(&self) -> WholeAxis {
         match self.part {
-            AxisPart::Window { ends, .. } => ends,
-            _ => [self.lower, self.upper],
-        }
-    }
-
-    /// Number of elements of the axis that this is a window of.
-    fn elements_of_whole(&self) -> usize {
-        match self.part {
-            AxisPart::Window { of, .. } => of,
-            _ => self.elements(),
+            AxisPart::Window { ends, of, first } => WholeAxis { ends, elements: of, first },
+            _ => WholeAxis { ends: [self.lower, self.upper], elements: self.elements(), first: 0 },
         }
     }
 
     /// Element width `h`.
     pub fn width(&self) -> f64 {
-        let [lower, upper] = self.ends_of_whole();
-        (upper - lower) / self.elements_of_whole() as f64
+        let WholeAxis { ends: [lower, upper], elements, .. } = self.of_whole();
+        (upper - lower) / elements as f64
+    }
+
+    /// Mean width of the cells.
+    pub fn mean_width(&self) -> f64 {
+        self.width() / self.nodes.count() as f64
     }
 
     /// Width of cell `j`: its quadrature weight. For degree 0 it is the width of the element.
@@ -254,9 +246,9 @@ impl Axis {
     /// The point `twice` half elements above the lower end: a face for an even number, a centre for
     /// an odd one. A mirrored axis has exactly mirrored points.
     fn point(&self, twice: f64) -> f64 {
-        let [lower, upper] = self.ends_of_whole();
-        let n = 2.0 * self.elements_of_whole() as f64;
-        let twice = twice + 2.0 * self.first() as f64;
+        let WholeAxis { ends: [lower, upper], elements, first } = self.of_whole();
+        let n = 2.0 * elements as f64;
+        let twice = twice + 2.0 * first as f64;
         ((n - twice) * lower + twice * upper) / n
     }
 
@@ -309,7 +301,8 @@ impl Axis {
     /// Distance of `point` from the lower end in widths of elements. For a window it is exactly
     /// that on the whole axis minus the number of elements before the window.
     pub fn position(&self, point: f64) -> f64 {
-        (point - self.ends_of_whole()[0]) / self.width() - self.first() as f64
+        let WholeAxis { ends: [lower, _], first, .. } = self.of_whole();
+        (point - lower) / self.width() - first as f64
     }
 
     /// Cell centres, in order.

@@ -2,7 +2,7 @@
 
 use crate::base::bisect::bisect;
 use crate::problem::case::Case;
-use crate::problem::grid::{Axis, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, box_cells, for_each_cell};
 use crate::problem::potential::pieces::{is_one_piece, piece, region, space_point};
 
 /// Width, in elements, of a region of `V` that lies between others.
@@ -26,11 +26,10 @@ pub fn region_widths(case: &Case) -> Vec<RegionWidth> {
     }
     let space = case.space.by_elements();
     let axes = &space.x;
-    let mut regions = Vec::new();
-    for_each_cell(&space.space_ranges(), |i| {
-        // Undefined conditions are reported by `Potential::new`.
-        regions.push(region(&case.potential, &space_point(axes, i)).unwrap_or(0));
-    });
+    // Undefined conditions are reported by `Potential::new`.
+    let at =
+        |i: [usize; MAX_DIMENSION]| region(&case.potential, &space_point(axes, &i)).unwrap_or(0);
+    let regions: Vec<usize> = box_cells(&space.space_ranges()).map(at).collect();
     let mut least: Vec<Option<RegionWidth>> = vec![None; case.potential.len()];
     for (axis, along) in axes.iter().enumerate() {
         let stride: usize = axes[axis + 1..].iter().map(|a| a.cells).product();

@@ -24,7 +24,6 @@ const LEAST_JUMP: f64 = 1e-3;
 pub struct ObliqueEdge {
     /// The region; of the two at the edge, the first in the case file.
     pub region: usize,
-    /// The point.
     pub point: [f64; 6],
 }
 

@@ -5,8 +5,11 @@ use crate::problem::case::Region;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 
-/// The region that holds at a point, or the condition that is undefined there.
-pub(super) fn region<'r>(
+/// The region that holds at a point.
+///
+/// # Errors
+/// The condition that is undefined there.
+pub fn region<'r>(
     regions: &'r [Region],
     point: &[f64; 6],
 ) -> std::result::Result<usize, &'r Expression> {
@@ -24,7 +27,6 @@ pub(super) fn region<'r>(
 /// The piece of `V` in an element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PotentialPiece {
-    /// The region.
     pub(super) region: usize,
     /// For a table that is constant around its points: its value in the whole element.
     pub(super) constant: Option<f64>,
@@ -46,7 +48,7 @@ pub fn is_one_piece(potential: &[Region]) -> bool {
 }
 
 /// Centre of space cell `i`, which is its node, as formulas take it.
-pub(super) fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
+pub fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     let mut point = [0.0; 6];
     for (a, axis) in axes.iter().enumerate() {
         point[a] = axis.centre(i[a] as i64);

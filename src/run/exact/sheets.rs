@@ -131,12 +131,9 @@ impl BoxRound<'_> {
 }
 
 fn deposit_of(words: &[u64]) -> Deposit {
-    let mut momentum = [0.0; 3];
-    for (momentum, word) in momentum.iter_mut().zip(&words[3..]) {
-        *momentum = f64::from_bits(*word);
-    }
-    let mass = f64::from_bits(words[2]);
-    Deposit { number: words[0] as usize, cell: words[1] as usize, mass, momentum }
+    let number = |k: usize| words.get(k).map_or(0.0, |word| f64::from_bits(*word));
+    let momentum = std::array::from_fn(|a| number(3 + a));
+    Deposit { number: words[0] as usize, cell: words[1] as usize, mass: number(2), momentum }
 }
 
 fn words_of(line: &Line) -> [u64; LINE] {

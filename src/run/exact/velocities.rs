@@ -46,7 +46,7 @@ use crate::run::exact::velocities::cells::CellAverages;
 use crate::run::exact::velocities::filaments::{ComparedPlaces, SeenFilaments};
 use crate::run::exact::velocities::grid_rule::GridRule;
 use crate::run::exact::velocities::limits::{
-    IntegrationLimits, allowance, is_limited, most_at, panels_of, points_across,
+    SEARCHED, TOLERANCE, TRIALS, allowance, is_limited, most_at, panels_of, points_across,
 };
 use crate::run::exact::velocities::panels::{PanelRule, VelocityIntegral};
 use crate::run::exact::velocities::places::{at_all, centres};
@@ -70,21 +70,21 @@ impl<'a> VelocityIntegrals<'a> {
         time: f64,
         positions: usize,
     ) -> Self {
-        let limits = IntegrationLimits::of(&case.space);
+        let d = case.space.dimension() - 1;
         let mut rule = PanelRule::new(values_of, &case.space, time, panels_of(case));
         rule.most = most_at(case, positions as f64) as usize;
         (rule.together, rule.is_limited) = (allowance(case), is_limited(case));
-        let places = centres(&case.space, limits.positions);
+        let places = centres(&case.space, SEARCHED[d]);
         let sizes = at_all(world, &places, |position| rule.size_at(position));
-        rule.tolerance = limits.tolerance * sizes.iter().copied().fold(0.0, f64::max);
+        rule.tolerance = TOLERANCE[d] * sizes.iter().copied().fold(0.0, f64::max);
         if case.space.dimension() == 1 && time == case.end {
             let compared = ComparedPlaces::of(&places, &sizes);
             let SeenFilaments { rule, within_cells } =
                 SeenFilaments::search(world, rule, positions, &compared);
             return Self { rule, grid_rule: None, within_cells };
         }
-        let may_sum = case.potential.len() == 1 && limits.trials > 0;
-        let grid_rule = may_sum.then(|| GridRule::accepted(world, &rule, limits.trials)).flatten();
+        let may_sum = case.potential.len() == 1 && TRIALS[d] > 0;
+        let grid_rule = may_sum.then(|| GridRule::accepted(world, &rule, TRIALS[d])).flatten();
         Self { rule, grid_rule, within_cells: false }
     }
 

@@ -20,7 +20,7 @@ use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, coordinate, for_each_cell};
+use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, coordinate};
 use crate::results::accuracy::ParticleErrors;
 use crate::results::ledger::STANDARD_ERRORS;
 use crate::run::ledger::draw::{Particle, REPLICATES};
@@ -48,7 +48,6 @@ const NUMBERS: usize = 8;
 struct ArrivedParticle {
     /// Its point then, `[x, y, z, vx, vy, vz]`.
     point: [f64; 6],
-    /// Its mass.
     mass: f64,
     /// `f` along its path.
     value: f64,
@@ -95,7 +94,6 @@ pub struct ComparedResult<'a> {
     pub share: &'a [Range<usize>],
     /// The first field, velocities fastest.
     pub field: &'a [f64],
-    /// Its density.
     pub density: &'a [f64],
 }
 
@@ -267,13 +265,11 @@ impl GatheredArrivals {
         // A part that no particle reached may have the mass of some.
         let of_particle = absolute / (arrived.max(1) * all.len()) as f64;
         let volumes = CellVolumes::new(space, share);
-        let mut places = Vec::with_capacity(density.len());
-        for_each_cell(share, |cell| {
+        let place = |cell: [usize; MAX_DIMENSION]| {
             let axes = space.x.iter().zip(cell);
-            places.push(number(
-                &mut axes.map(|(axis, j)| part_of(axis, axis.split(*j as i64).0 as usize)),
-            ));
-        });
+            number(&mut axes.map(|(axis, j)| part_of(axis, axis.split(j as i64).0 as usize)))
+        };
+        let places: Vec<usize> = box_cells(share).map(place).collect();
         let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
         let (mut square_of_most, mut square) = (0.0, 0.0);
         let found = volumes.integrals_by_part(world, density, &places, count);

@@ -131,7 +131,6 @@ impl SampleSequence {
 
 /// Draws the particles of a case.
 pub struct ParticleSampler<'a> {
-    /// The case.
     pub case: &'a Case,
     within: SampleBox,
     flow: &'a Tracer<'a>,

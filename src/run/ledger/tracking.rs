@@ -12,7 +12,6 @@ use std::collections::HashMap;
 /// Sums over particles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ParticleTally {
-    /// Mass.
     pub mass: f64,
     /// Sum of `|mass|`.
     pub absolute: f64,
@@ -53,6 +52,17 @@ impl ParticleTally {
         let lists = tally.energy.iter_mut().chain(&mut tally.outflow).chain(&mut tally.at_jumps);
         lists.zip(&all[5..]).for_each(|(to, from)| *to = *from);
         tally
+    }
+
+    /// Adds a particle, before it moves, with the fraction `share` of its mass.
+    pub fn add(&mut self, particle: &Particle, share: f64) {
+        let mass = share * particle.mass;
+        self.absolute += mass.abs();
+        let sum = if particle.inside { &mut self.mass } else { &mut self.outside };
+        *sum += mass;
+        for (energy, v) in self.energy.iter_mut().zip(&particle.point[3..]) {
+            *energy += 0.5 * v * v * mass.abs();
+        }
     }
 }
 
@@ -103,22 +113,6 @@ impl<'a> ParticleTracker<'a> {
             self.arrivals.add(replicate, particle, found.point, mass);
         }
         tally.interface += mass * added;
-    }
-}
-
-impl ParticleTally {
-    /// Adds a particle, before it moves, with the fraction `share` of its mass.
-    pub fn add(&mut self, particle: &Particle, share: f64) {
-        let mass = share * particle.mass;
-        self.absolute += mass.abs();
-        if !particle.inside {
-            self.outside += mass;
-        } else {
-            self.mass += mass;
-        }
-        for (energy, v) in self.energy.iter_mut().zip(&particle.point[3..]) {
-            *energy += 0.5 * v * v * mass.abs();
-        }
     }
 }
 

@@ -322,15 +322,13 @@ impl<'a> QuadratureSums<'a> {
         let first_from = Self::locate(axis, arriving.velocity, from);
         let first_to = Self::locate(axis, leaving.velocity, to);
         let cells = axis.cells;
-        let ends = [(arriving, first_from, &*from, leaving), (leaving, first_to, &*to, arriving)];
-        let firsts = [first_to, first_from];
-        for (k, (end, first, values, partner)) in ends.into_iter().enumerate() {
+        let (from, to) = ((arriving, first_from, &*from), (leaving, first_to, &*to));
+        for ((end, first, values), (partner, there, others)) in [(from, to), (to, from)] {
             let Some(first) = first else { continue };
-            let others = if k == 0 { &*to } else { &*from };
             for (m, value) in values.iter().enumerate() {
                 let row = index(cells, end.side, first + m);
                 let share = weight * value;
-                match firsts[k] {
+                match there {
                     Some(there) => {
                         for (n, other) in others.iter().enumerate() {
                             let column = index(cells, partner.side, there + n);

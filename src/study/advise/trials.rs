@@ -111,7 +111,7 @@ impl ExactPaths {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
         let points = case.space.random_points(TRACED);
         let steps: usize = points.iter().map(|at| tracer.follow(at, case.end).steps).sum();
-        Ok(Self { steps: steps as f64 / TRACED as f64, is_approximate: tracer.is_approximate() })
+        Ok(Self { steps: steps as f64 / TRACED as f64, is_approximate: tracer.is_approximate })
     }
 }
 

@@ -1,6 +1,6 @@
 //! The deposits of followed boxes, added up on a share of the space cells.
 
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells};
 use std::ops::Range;
 
 /// Cells with less than this fraction of the largest mass count as empty: particles within 1e-11 of
@@ -16,7 +16,6 @@ pub struct Deposit {
     pub number: usize,
     /// Number of the cell, row-major in the space grid.
     pub cell: usize,
-    /// Mass.
     pub mass: f64,
     /// Mass times velocity, by axis.
     pub momentum: [f64; MAX_DIMENSION],
@@ -134,11 +133,8 @@ impl<'a> SheetSums<'a> {
     /// The moments; `largest` is the largest mass in a cell of any share.
     pub fn finish(self, largest: f64) -> ExactMoments {
         let space = self.space;
-        let mut volumes = Vec::with_capacity(self.mass.len());
-        for_each_cell(self.share, |i| {
-            let widths = space.x.iter().zip(i).map(|(a, i): (&Axis, &usize)| a.weight(*i));
-            volumes.push(widths.product::<f64>());
-        });
+        let volume = |i| space.x.iter().zip(i).map(|(axis, i)| axis.weight(i)).product();
+        let volumes: Vec<f64> = box_cells(self.share).map(volume).collect();
         let average =
             |sums: &Vec<f64>| sums.iter().zip(&volumes).map(|(sum, volume)| sum / volume).collect();
         let mean = |momentum: &Vec<f64>| {

@@ -2,7 +2,7 @@
 
 use crate::base::quadrature::gauss_legendre;
 use crate::problem::grid::{Axis, MAX_DIMENSION};
-use crate::run::exact::velocities::limits::{ACROSS, IntegrationLimits};
+use crate::run::exact::velocities::limits::{ACROSS, TOLERANCE};
 use crate::run::exact::velocities::panels::{
     BOOLE, POINTS, PanelRule, SIMPSON, VelocityIntegral, points_of,
 };
@@ -61,8 +61,7 @@ impl CellAverages<'_> {
     pub fn of(&self, cells: &[[usize; MAX_DIMENSION]]) -> Vec<VelocityIntegral> {
         let (axis, at) = (self.axis(), |x: f64| self.at(x));
         let rule = gauss_legendre(ACROSS);
-        let allowed =
-            BENT_CELL * self.rule.tolerance / IntegrationLimits::of(self.rule.space).tolerance;
+        let allowed = BENT_CELL * self.rule.tolerance / TOLERANCE[0];
         // The integral at the upper face of the last cell, from above.
         let mut known: Option<(usize, VelocityIntegral)> = None;
         let average = |&[j, ..]: &[usize; MAX_DIMENSION]| {
@@ -121,16 +120,10 @@ impl CellAverages<'_> {
             let step = 0.125 * (upper - lower);
             let new = [1, 3, 5, 7].map(|k| at(lower + f64::from(k) * step));
             let middle = lower + 4.0 * step;
-            panels.push(CellPanel {
-                lower,
-                upper: middle,
-                values: [v[0], new[0], v[1], new[1], v[2]],
-            });
-            panels.push(CellPanel {
-                lower: middle,
-                upper,
-                values: [v[2], new[2], v[3], new[3], v[4]],
-            });
+            let first = [v[0], new[0], v[1], new[1], v[2]];
+            let second = [v[2], new[2], v[3], new[3], v[4]];
+            panels.push(CellPanel { lower, upper: middle, values: first });
+            panels.push(CellPanel { lower: middle, upper, values: second });
             used += POINTS - 1;
         }
         let mut mean = VelocityIntegral::default();

@@ -47,15 +47,12 @@ impl ComparedPlaces {
         let differences: Vec<f64> =
             found.iter().zip(expected).map(|(found, expected)| (found - expected).abs()).collect();
         let (equidistant, densest) = differences.split_at(self.equidistant);
-        let part = |(of, size): (&[f64], f64)| {
+        let part = |of: &[f64], size: f64| {
             let sum: f64 = of.iter().filter(|difference| difference.is_finite()).sum();
             let part = sum / of.len().max(1) as f64 / size;
             if part.is_finite() { part.min(1.0) } else { 0.0 }
         };
-        [(equidistant, self.sizes[0]), (densest, self.sizes[1])]
-            .map(part)
-            .into_iter()
-            .fold(0.0, f64::max)
+        part(equidistant, self.sizes[0]).max(part(densest, self.sizes[1]))
     }
 }
 

@@ -1,9 +1,9 @@
 //! Sums over the velocities of the grid, in place of integrals by panels.
 
-use crate::matrix::observables::MOMENTS;
+use crate::matrix::observables::{MOMENTS, add_mass};
 use crate::parallel::communicator::Group;
 use crate::problem::grid::{MAX_DIMENSION, for_each_cell};
-use crate::run::exact::velocities::panels::{PanelRule, VelocityIntegral, add, phase_point};
+use crate::run::exact::velocities::panels::{PanelRule, VelocityIntegral, phase_point};
 use crate::run::exact::velocities::places::{at_all, centres};
 
 /// Tolerance of the integrals with which sums over the grid are compared, as a part of the usual
@@ -58,7 +58,7 @@ impl GridRule {
         let values = by_panels.values_of.values_at(&points, by_panels.time);
         let mut moments = [0.0; MOMENTS];
         for (f, (velocity, weight)) in values.iter().zip(&self.points) {
-            add(&mut moments, velocity, weight * f);
+            add_mass(&mut moments, velocity, weight * f);
         }
         VelocityIntegral { moments, error: self.error }
     }

@@ -1,57 +1,23 @@
-//! Limits on the cost of integrals over the velocities.
+//! Limits on the cost of integrals over the velocities; arrays are by dimension of space.
 
 use crate::problem::case::Case;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::run::exact::velocities::panels::points_of;
 
-/// Limits on the cost of integrals, for a dimension of space.
-pub struct IntegrationLimits {
-    /// Least number of panels along an axis to begin with, if the solution may jump.
-    pub panels: usize,
-    /// Least number of panels along an axis to begin with, if `V` has one formula.
-    pub few_panels: usize,
-    /// Panels are halved until the error is below this part of the largest density.
-    pub tolerance: f64,
-    /// Points that an integral may take, if that is more than twice those that it begins with.
-    pub most: usize,
-    /// Points that all integrals together may take.
-    pub together: usize,
-    /// Positions along an axis at which the largest density is searched.
-    pub positions: usize,
-    /// Positions along an axis at which sums over the velocities of the grid are compared.
-    pub trials: usize,
-}
-
-/// Limits by dimension of space.
-const LIMITS: [IntegrationLimits; MAX_DIMENSION] = [
-    IntegrationLimits {
-        panels: 64,
-        few_panels: 64,
-        tolerance: 1e-5,
-        most: 2000,
-        together: 500_000,
-        positions: 64,
-        trials: 0,
-    },
-    IntegrationLimits {
-        panels: 8,
-        few_panels: 2,
-        tolerance: 1e-3,
-        most: 2000,
-        together: 1_000_000,
-        positions: 6,
-        trials: 3,
-    },
-    IntegrationLimits {
-        panels: 2,
-        few_panels: 2,
-        tolerance: 5e-3,
-        most: 6000,
-        together: 500_000,
-        positions: 3,
-        trials: 2,
-    },
-];
+/// Least number of panels along an axis to begin with, if the solution may jump.
+const PANELS: [usize; MAX_DIMENSION] = [64, 8, 2];
+/// Least number of panels along an axis to begin with, if `V` has one formula.
+const FEW_PANELS: [usize; MAX_DIMENSION] = [64, 2, 2];
+/// Panels are halved until the error is below this part of the largest density.
+pub const TOLERANCE: [f64; MAX_DIMENSION] = [1e-5, 1e-3, 5e-3];
+/// Points that an integral may take, if that is more than twice those that it begins with.
+const MOST_POINTS: [usize; MAX_DIMENSION] = [2000, 2000, 6000];
+/// Points that all integrals together may take.
+const TOGETHER: [usize; MAX_DIMENSION] = [500_000, 1_000_000, 500_000];
+/// Positions along an axis at which the largest density is searched.
+pub const SEARCHED: [usize; MAX_DIMENSION] = [64, 6, 3];
+/// Positions along an axis at which sums over the velocities of the grid are compared.
+pub const TRIALS: [usize; MAX_DIMENSION] = [0, 3, 2];
 /// Largest number of velocity cells of a panel along an axis, if the solution may jump.
 const CELLS: usize = 4;
 /// Largest number of velocity cells of a panel along an axis, if `V` has one formula.
@@ -61,26 +27,19 @@ pub const FINER: usize = 4;
 /// Number of equidistant places at which they are compared, and twice that of the densest.
 pub const COMPARED: usize = 8;
 /// Points a cell of phase space that all integrals together may take, if that is more than
-/// [`IntegrationLimits::together`].
+/// [`TOGETHER`].
 const POINTS_PER_CELL: usize = 3;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.
 pub const ACROSS: usize = 2;
 
-impl IntegrationLimits {
-    /// The limits in the dimension of `space`.
-    pub fn of(space: &PhaseSpace) -> &'static Self {
-        &LIMITS[space.dimension() - 1]
-    }
-}
-
 /// Panels along each velocity axis of `case` to begin with.
 pub fn panels_of(case: &Case) -> Vec<usize> {
-    let limits = IntegrationLimits::of(&case.space);
+    let d = case.space.dimension() - 1;
     let panels = |axis: &Axis| match (axis.cells, case.potential.len()) {
         (1, _) => 1,
-        (cells, 1) => cells.div_ceil(MANY_CELLS).max(limits.few_panels),
-        (cells, _) => cells.div_ceil(CELLS).max(limits.panels),
+        (cells, 1) => cells.div_ceil(MANY_CELLS).max(FEW_PANELS[d]),
+        (cells, _) => cells.div_ceil(CELLS).max(PANELS[d]),
     };
     case.space.v.iter().map(panels).collect()
 }
@@ -98,8 +57,7 @@ pub fn is_limited(case: &Case) -> bool {
 }
 
 fn enough(space: &PhaseSpace) -> usize {
-    let least = IntegrationLimits::of(space).together;
-    space.cells().saturating_mul(POINTS_PER_CELL).max(least)
+    space.cells().saturating_mul(POINTS_PER_CELL).max(TOGETHER[space.dimension() - 1])
 }
 
 /// Points of each cell of degree 0 along an axis, over which the moments of `case` are averaged.
@@ -126,9 +84,8 @@ fn points_to_search(case: &Case) -> f64 {
     if case.space.dimension() > 1 {
         return 0.0;
     }
-    let positions = IntegrationLimits::of(&case.space).positions;
     let compared = (COMPARED + COMPARED / 2) * (1 + FINER);
-    ((positions + compared) * points_of(&panels_of(case))) as f64
+    ((SEARCHED[0] + compared) * points_of(&panels_of(case))) as f64
 }
 
 /// All points are shared out among at least so many positions. On a few cells a position would
@@ -141,7 +98,7 @@ pub fn most_at(case: &Case, positions: f64) -> f64 {
     let least = if is_limited(case) {
         first
     } else {
-        IntegrationLimits::of(&case.space).most.max(2 * first)
+        MOST_POINTS[case.space.dimension() - 1].max(2 * first)
     };
     (least as f64).max((allowance(case) as f64 / positions.max(FEWEST_POSITIONS)).floor())
 }
@@ -168,7 +125,7 @@ mod tests {
     #[test]
     fn a_study_limits_the_points() {
         let case = Case::parse("limits", CASE, &[]).expect("a case");
-        assert_eq!(allowance(&case), LIMITS[0].together);
+        assert_eq!(allowance(&case), TOGETHER[0]);
         let limited = Case { most_exact_points: Some(5000), ..case.clone() };
         assert_eq!(allowance(&limited), 5000);
         let one = points_of(&panels_of(&case));

@@ -1,7 +1,8 @@
 //! An integral over the velocities at one position, by subdivision of panels.
 
 use crate::base::row_major::number;
-use crate::matrix::observables::MOMENTS;
+use crate::matrix::elements::products;
+use crate::matrix::observables::{MOMENTS, add_mass};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::run::exact::solution::ExactValues;
 
@@ -42,7 +43,6 @@ impl VelocityIntegral {
 
 /// An integral, and the values of the solution that it took.
 pub struct SampledIntegral {
-    /// The integral.
     pub integral: VelocityIntegral,
     /// Number of these values.
     pub points: usize,
@@ -67,21 +67,12 @@ pub fn points_of(panels: &[usize]) -> usize {
     panels.iter().map(|n| (POINTS - 1) * n + 1).product()
 }
 
-/// Adds a mass with a velocity to the sums `moments`.
-pub fn add(moments: &mut [f64; MOMENTS], velocity: &[f64; MAX_DIMENSION], mass: f64) {
-    let [x, y, z] = velocity;
-    let factors = [1.0, *x, *y, *z, 0.5 * (x * x + y * y + z * z)];
-    moments.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += factor * mass);
-}
-
 /// Integrals of the exact solution at a time over the velocity box, by subdivision of panels.
 #[derive(Clone)]
 pub struct PanelRule<'a> {
     /// The exact solution.
     pub values_of: &'a ExactValues<'a>,
-    /// The time.
     pub time: f64,
-    /// Phase space.
     pub space: &'a PhaseSpace,
     /// Panels to begin with, by axis.
     pub panels: Vec<usize>,
@@ -115,10 +106,7 @@ impl<'a> PanelRule<'a> {
         time: f64,
         panels: Vec<usize>,
     ) -> Self {
-        let mut weights = vec![1.0];
-        for _ in 0..space.dimension() {
-            weights = weights.iter().flat_map(|w| BOOLE.map(|b| w * b)).collect();
-        }
+        let weights = products(std::iter::repeat_n(&BOOLE[..], space.dimension()));
         Self {
             values_of,
             time,
@@ -197,8 +185,7 @@ impl<'a> PanelRule<'a> {
         for panel in panels {
             let volume: f64 = panel.width[..n].iter().product();
             for (k, f) in panel.values.iter().enumerate() {
-                let term = volume * self.weights[k] * f;
-                add(&mut moments, &self.velocity(panel, k), term);
+                add_mass(&mut moments, &self.velocity(panel, k), volume * self.weights[k] * f);
             }
         }
         VelocityIntegral { moments, error }

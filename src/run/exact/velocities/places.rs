@@ -2,7 +2,7 @@
 
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::split;
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells};
 
 /// `value` at all `places`, of which each rank computes a part. Collective.
 pub fn at_all(
@@ -21,14 +21,13 @@ pub fn at_all(
 pub fn centres(space: &PhaseSpace, most: usize) -> Vec<[f64; MAX_DIMENSION]> {
     let axes = &space.x;
     let counts: Vec<_> = axes.iter().map(|axis| 0..axis.elements().min(most)).collect();
-    let mut positions = Vec::new();
-    for_each_cell(&counts, |k| {
+    let centre = |k: [usize; MAX_DIMENSION]| {
         let mut position = [0.0; MAX_DIMENSION];
         for (a, axis) in axes.iter().enumerate() {
             let element = (2 * k[a] + 1) * axis.elements() / (2 * counts[a].len());
             position[a] = axis.at(element as i64, 0.0);
         }
-        positions.push(position);
-    });
-    positions
+        position
+    };
+    box_cells(&counts).map(centre).collect()
 }

@@ -15,9 +15,6 @@ use crate::problem::potential::{JumpKind, Potential};
 use crate::scheme::interface::energy::{FaceCoupling, FaceSide};
 use std::collections::{BTreeSet, HashMap};
 
-/// Number of points that are evaluated together.
-const BATCH: usize = 48;
-
 /// The points of an element at which its projection first evaluates a formula. If the formula is
 /// zero at all of them, so is the projection.
 pub(super) struct Points {
@@ -45,15 +42,8 @@ impl Points {
     /// Whether `formula` is nonzero at one of the points, at time zero, in the element with these
     /// indices.
     pub fn find(&self, space: &PhaseSpace, formula: &Expression, element: &Cell) -> bool {
-        let mut points = space.points_in(element, &self.along).peekable();
-        while points.peek().is_some() {
-            let batch: Vec<[f64; 6]> = points.by_ref().take(BATCH).collect();
-            // NaN is detected and refused later.
-            if formula.at_points(&batch, 0.0).iter().any(|f| *f != 0.0) {
-                return true;
-            }
-        }
-        false
+        // NaN is detected and refused later.
+        formula.at_each(space.points_in(element, &self.along), 0.0).any(|f| f != 0.0)
     }
 }
 
