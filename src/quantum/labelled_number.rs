@@ -51,7 +51,6 @@ impl Trust {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelledNumber {
     label: Trust,
-    /// The number; `None` if it is unavailable.
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<f64>,
     /// What an estimate or a model assumes, or why there is no number.
@@ -127,6 +126,11 @@ impl LabelledNumber {
     /// What an estimate or a model assumes, or why there is no number.
     pub fn because(&self) -> Option<&str> {
         self.because.as_deref()
+    }
+
+    /// Why there is no number; `None` where there is one.
+    pub fn why_not(&self) -> Option<&str> {
+        self.because().filter(|_| self.value.is_none())
     }
 
     /// The number, if there is one.

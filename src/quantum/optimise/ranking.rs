@@ -153,7 +153,6 @@ fn short_name(choice: &CostedChoice) -> String {
     }
 }
 
-/// The name of a choice.
 fn name_of(choice: &CostedChoice) -> String {
     if choice.unitary_scheme {
         "unitary scheme, no p".to_owned()

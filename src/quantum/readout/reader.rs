@@ -3,14 +3,12 @@
 use crate::base::row_major::position;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
-use crate::problem::case;
-use crate::problem::case::{Case, MeasurementEffort};
+use crate::problem::case::{Case, MeasurementEffort, ReadoutSettings};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::{MOST_EVALUATIONS, MOST_SHOTS};
 use crate::quantum::labelled_number::{LabelledNumber, Trust};
 use crate::quantum::probability::Probabilities;
-use crate::quantum::readout::measurement;
-use crate::quantum::readout::measurement::Estimate;
+use crate::quantum::readout::measurement::{self, Estimate};
 use crate::quantum::readout::random::{Purpose, Stream};
 use crate::quantum::readout::row::{Measured, Observable, OverlapEstimator, ReadoutRow, reason};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -91,14 +89,9 @@ impl Repetitions {
     /// Bound on the error of an overlap, whatever the overlap.
     fn of_overlap(self, estimator: OverlapEstimator) -> f64 {
         match estimator {
-            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
-                measurement::hadamard_bound(self.shots)
-            }
             OverlapEstimator::AllZero => measurement::all_zero_bound(self.shots),
-            OverlapEstimator::AmplitudeEstimation
-            | OverlapEstimator::EnlargedAmplitudeEstimation => {
-                measurement::amplitude_bound(0.0, self.evaluations)
-            }
+            _ if estimator.coherent() => measurement::amplitude_bound(0.0, self.evaluations),
+            _ => measurement::hadamard_bound(self.shots),
         }
     }
 }
@@ -117,7 +110,7 @@ pub(crate) struct CellSums {
 pub(crate) struct ReadoutContext<'a> {
     pub case: &'a Case,
     pub source: &'a ReadoutSource<'a>,
-    pub readout: &'a case::ReadoutSettings,
+    pub readout: &'a ReadoutSettings,
     pub factors: &'a VelocityFactors,
 }
 
@@ -155,18 +148,14 @@ impl ReadoutContext<'_> {
         sums
     }
 
-    /// The rows of a cell.
     pub(crate) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<ReadoutRow> {
         let n = self.case.space.dimension();
         let volume = self.case.space.velocity_cell_volume();
-        let row = |observable| ReadoutRow::at(&self.case.space, cell, observable);
+        let observables = Observable::all(n);
+        let row = |place: usize| ReadoutRow::at(&self.case.space, cell, observables[place]);
         let linear: Vec<(ReadoutRow, Vec<MeasuredMoment>)> = (0..=n)
             .map(|k| {
-                let observable = match k {
-                    0 => Observable::Density,
-                    k => Observable::Momentum(k - 1),
-                };
-                let mut row = row(observable);
+                let mut row = row(k);
                 row.value = LabelledNumber::exact(sums.moments[k] * volume);
                 let moments = OverlapEstimator::ALL.map(|e| self.moment(&row, k, sums, e));
                 (row, moments.into())
@@ -174,7 +163,7 @@ impl ReadoutContext<'_> {
             .collect();
         let velocities: Vec<ReadoutRow> = (1..=n)
             .map(|k| {
-                let mut row = row(Observable::Velocity(k - 1));
+                let mut row = row(n + k);
                 row.value = match sums.moments[0] {
                     0.0 => LabelledNumber::unavailable("the density is 0"),
                     rho => LabelledNumber::exact(sums.moments[k] / rho),
@@ -352,14 +341,9 @@ impl ReadoutContext<'_> {
         let stream = &mut Stream::new(self.readout.seed, purpose);
         let (o, shots, evaluations) = (overlap.value, shots as u64, evaluations as u64);
         let drawn = match estimator {
-            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
-                measurement::hadamard(stream, o, shots)
-            }
             OverlapEstimator::AllZero => measurement::all_zero(stream, o, shots),
-            OverlapEstimator::AmplitudeEstimation
-            | OverlapEstimator::EnlargedAmplitudeEstimation => {
-                measurement::amplitude_estimation(stream, o, evaluations)
-            }
+            _ if estimator.coherent() => measurement::amplitude_estimation(stream, o, evaluations),
+            _ => measurement::hadamard(stream, o, shots),
         };
         let bare = Estimate {
             value: overlap.prefactor * drawn.value,
@@ -439,9 +423,6 @@ impl ReadoutContext<'_> {
         let measures_norm = self.measures_norm(estimator);
         let beside_norm = |c: f64| if measures_norm { beside_norm(c) } else { error };
         Ok(match estimator {
-            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
-                of_shots(measurement::hadamard_shots(beside_norm(FRAC_1_SQRT_2)))
-            }
             OverlapEstimator::AllZero => of_shots(measurement::all_zero_shots(beside_norm(1.0))),
             OverlapEstimator::AmplitudeEstimation if measures_norm => {
                 // Half for each; of C_f with what amplification then loses, h = η + 3η²/2.
@@ -451,10 +432,8 @@ impl ReadoutContext<'_> {
                 let evaluations = measurement::root_evaluations(self.probability(), of_norm);
                 of_runs(measurement::evaluations(half), evaluations)
             }
-            OverlapEstimator::AmplitudeEstimation
-            | OverlapEstimator::EnlargedAmplitudeEstimation => {
-                of_runs(measurement::evaluations(error), 0.0)
-            }
+            _ if estimator.coherent() => of_runs(measurement::evaluations(error), 0.0),
+            _ => of_shots(measurement::hadamard_shots(beside_norm(FRAC_1_SQRT_2))),
         })
     }
 
@@ -492,6 +471,8 @@ impl ReadoutContext<'_> {
     ) -> [LabelledNumber; 2] {
         const WHY: &str = "the mean over postselections that fail";
         const ROUNDS: &str = "exact amplitude amplification; its failure is in the bound";
+        const NO_INVERSE: &str =
+            "amplitude estimation inverts the preparation; repetition has no inverse";
         let chain = self.source.probabilities.nearest();
         let uses = if estimator.coherent() {
             measurement::preparations(repetitions.evaluations)
@@ -504,22 +485,12 @@ impl ReadoutContext<'_> {
         };
         let repeated = times(&chain.repetitions, &|r| r, WHY);
         let coherent = times(&chain.amplified_evolutions, &|n| n, ROUNDS);
-        match estimator {
-            OverlapEstimator::Hadamard | OverlapEstimator::AllZero => [repeated, coherent],
-            OverlapEstimator::AmplitudeEstimation => [
-                LabelledNumber::unavailable(
-                    "amplitude estimation inverts the preparation; repetition has no inverse",
-                ),
-                coherent,
-            ],
-            OverlapEstimator::EnlargedHadamard => [
-                LabelledNumber::exact(uses),
-                LabelledNumber::unavailable("nothing is postselected"),
-            ],
-            OverlapEstimator::EnlargedAmplitudeEstimation => [
-                LabelledNumber::unavailable("nothing is postselected"),
-                LabelledNumber::exact(uses),
-            ],
+        let (all, none) = (LabelledNumber::exact(uses), LabelledNumber::unavailable);
+        match (estimator.enlarged(), estimator.coherent()) {
+            (false, false) => [repeated, coherent],
+            (false, true) => [none(NO_INVERSE), coherent],
+            (true, false) => [all, none("nothing is postselected")],
+            (true, true) => [none("nothing is postselected"), all],
         }
     }
 }
