@@ -46,7 +46,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
         "{} qubits ({} of p); read at p = {} with probability {}{about_interface}\nfiles in {}",
         description.qubits,
         description.qubits_p,
-        short(rounded(description.recovery, 1.0)),
+        short(rounded(description.grid.recovery, 1.0)),
         short(probability),
         directory.display()
     );

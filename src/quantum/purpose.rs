@@ -56,7 +56,6 @@ impl CasePurpose {
         Err(Error::Input(format!("{place}: {}", self.sentence(obstacle, case))))
     }
 
-    /// The first obstacle in `case`.
     fn obstacle(self, case: &Case) -> Option<Obstacle> {
         use Obstacle::{ClassicalMethod, InflowInTime, MeasureValued, WarpedStart};
         let obstacles: &[Obstacle] = match self {
@@ -68,7 +67,6 @@ impl CasePurpose {
         obstacles.iter().copied().find(|obstacle| obstacle.is_in(case))
     }
 
-    /// The sentence on `obstacle` of `case`.
     fn sentence(self, obstacle: Obstacle, case: &Case) -> String {
         let words = match (obstacle, self) {
             (Obstacle::ClassicalMethod, Self::Readout) => {
