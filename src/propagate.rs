@@ -83,28 +83,17 @@ pub fn steps(propagation: &Propagation, time: f64) -> usize {
     }
 }
 
-/// A time to propagate over, and the relative error that a mode may have after it.
-#[derive(Clone, Copy, Debug)]
-pub struct PropagationSpan {
-    /// The time to propagate over.
-    pub time: f64,
-    /// The allowed relative error.
-    pub tolerance: f64,
-}
-
-/// The work of the mode of wavenumber `mu` alone: applications, or solves of an implicit method.
+/// The work of the mode of wavenumber `mu` alone, over `time` to the relative error `tolerance`:
+/// applications, or solves of an implicit method.
 pub fn work(
     propagation: &Propagation,
     bounds: &Bounds,
     mu: f64,
-    span: PropagationSpan,
+    time: f64,
+    tolerance: f64,
     scratch: &mut Vec<f64>,
 ) -> usize {
-    let demand = ModeDemand {
-        half_width: bounds.interval(mu).half_width,
-        time: span.time,
-        tolerance: span.tolerance,
-        step: propagation.step,
-    };
+    let (half_width, step) = (bounds.interval(mu).half_width, propagation.step);
+    let demand = ModeDemand { half_width, time, tolerance, step };
     descriptor(propagation.method).work(&demand, scratch)
 }

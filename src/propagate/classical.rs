@@ -19,17 +19,12 @@ pub const EXACT: f64 = 1e-18;
 /// Poisson probabilities below this are left out if three digits suffice.
 pub const ROUGH: f64 = 1e-5;
 
-/// `ln(k!)`.
-fn log_factorial(k: usize) -> f64 {
-    libm::lgamma(k as f64 + 1.0)
-}
-
 /// Poisson probability `e^{−λ} λ^k / k!`.
 fn poisson(lambda: f64, k: usize) -> f64 {
     if lambda == 0.0 {
         return if k == 0 { 1.0 } else { 0.0 };
     }
-    (k as f64 * lambda.ln() - lambda - log_factorial(k)).exp()
+    (k as f64 * lambda.ln() - lambda - libm::lgamma(k as f64 + 1.0)).exp()
 }
 
 /// The `k` at which the Poisson probability is not below `negligible`.
@@ -432,22 +427,18 @@ pub fn exponential_applications(courant: f64, negligible: f64, by_elements: bool
 
 /// Steps of the classical method, leg by leg.
 pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
-    let steps = |&time: &f64| classical_steps_of(case, ClassicalSpan { rate: bounds.rate, time });
-    case.legs().iter().map(steps).collect()
-}
-
-pub(crate) fn classical_steps_of(case: &Case, span: ClassicalSpan) -> usize {
-    let courant = span.courant();
-    match case.integrator {
+    let rate = bounds.rate;
+    let steps = |&time: &f64| match case.integrator {
         // The results of such a run are written at the end only: one leg.
         Integrator::Exponential if case.varies() => {
-            duhamel_applications(span.rate, &duhamel_panels(case, span.rate))
+            duhamel_applications(rate, &duhamel_panels(case, rate))
         }
-        Integrator::Exponential => exponential_applications(courant, EXACT, case.is_galerkin()),
+        Integrator::Exponential => exponential_applications(rate * time, EXACT, case.is_galerkin()),
         Integrator::ForwardEuler | Integrator::SspRk3 => {
-            (courant / (case.cfl * longest_step(case.limiter))).ceil().max(1.0) as usize
+            (rate * time / (case.cfl * longest_step(case.limiter))).ceil().max(1.0) as usize
         }
-    }
+    };
+    case.legs().iter().map(steps).collect()
 }
 
 #[cfg(test)]

@@ -536,7 +536,6 @@ fn most_alike(
     }
 }
 
-/// The readings moved by `distance`.
 fn moved(mut readings: Vec<Reading>, distance: f64) -> Vec<Reading> {
     readings.iter_mut().for_each(|r| r.point += distance);
     readings

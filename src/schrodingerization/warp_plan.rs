@@ -7,14 +7,13 @@ use crate::matrix::lanes::LANES;
 use crate::problem::case::{Case, Propagation, Reductions};
 use crate::problem::grid::PhaseSpace;
 use crate::problem::legs::Leg;
-use crate::propagate;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::method::BatchCoupling;
-use crate::propagate::{PropagationSpan, descriptor};
+use crate::propagate::{self, descriptor};
 use crate::schrodingerization::placement::plan_placement;
-use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::profile::shape::EstimatorQuality;
+use crate::schrodingerization::profile::{Profile, ProfileForm};
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -111,9 +110,11 @@ impl WarpPlan {
         self.profile.as_ref()?.estimate_doubt(&quality)
     }
 
-    /// Whether `solver.warp.points` can be given; a file of the warped field has its own `N_p`.
+    /// Whether `solver.warp.points` can be given; a file of the warped field has its own `N_p`, and
+    /// so has a series, as it is no function on the whole line.
     pub fn takes_points(&self) -> bool {
-        self.profile.as_ref().is_some_and(|profile| profile.takes_points())
+        let is_function = |profile: &Profile| matches!(profile.form(), ProfileForm::Transform(_));
+        self.profile.as_ref().is_some_and(is_function)
     }
 
     /// Plans profile, modes and degrees for growth bound `bounds.growth`.
@@ -180,11 +181,10 @@ impl WarpPlan {
         tolerance: f64,
     ) -> Self {
         let modes = PropagatedModes { count: series.modes(), series: &series };
-        let span = PropagationSpan { time: case.duration(), tolerance };
-        let mut scratch = Vec::new();
+        let (time, mut scratch) = (case.duration(), Vec::new());
         let mut of_mode = |l| {
             let mu = series.wavenumber(l);
-            propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
+            propagate::work(&case.propagator, bounds, mu, time, tolerance, &mut scratch)
         };
         let work: Vec<usize> = (0..modes.count).map(&mut of_mode).collect();
         Self {
@@ -225,7 +225,6 @@ impl WarpPlan {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn forecast(case: &Case, bounds: &Bounds, ratio: f64) -> Result<f64> {
-        /// The approximate number of sampled modes.
         const SAMPLE: usize = 64;
         let placement = plan_placement(case, bounds, ratio)?;
         let modes = PropagatedModes::of(&case.reductions, &placement.series);
@@ -235,12 +234,9 @@ impl WarpPlan {
         let (mut sum, mut sampled) = (0.0, 0);
         for l in (stride / 2..count).step_by(stride) {
             let weight = modes.weight(l, &placement.readings[0]).norm();
-            let span = PropagationSpan {
-                time: case.duration() / stages as f64,
-                tolerance: mode_tolerance(case.tolerance / ratio, count, weight),
-            };
-            let mu = modes.wavenumber(l);
-            let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
+            let tolerance = mode_tolerance(case.tolerance / ratio, count, weight);
+            let (mu, time) = (modes.wavenumber(l), case.duration() / stages as f64);
+            let work = propagate::work(&case.propagator, bounds, mu, time, tolerance, &mut scratch);
             sum += (stages * work) as f64;
             sampled += 1;
         }
@@ -256,7 +252,6 @@ impl WarpPlan {
         checksum::run_checksum(0, counts.map(|count| count as u64).chain(bits))
     }
 
-    /// The modes that are propagated.
     fn propagated(&self) -> PropagatedModes<'_> {
         PropagatedModes { series: &self.series, count: self.modes }
     }
@@ -331,7 +326,6 @@ fn cost_of_passing(space: &PhaseSpace, times: usize) -> f64 {
     READING + ADDING * each * times as f64
 }
 
-/// The work of each mode, leg by leg.
 fn leg_work(
     propagator: &Propagation,
     bounds: &Bounds,
@@ -342,10 +336,8 @@ fn leg_work(
     let mut scratch = Vec::new();
     let mut of_leg = |leg: &Leg| -> Vec<usize> {
         let of_mode = |l: usize| {
-            let span =
-                PropagationSpan { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
-            let mu = modes.wavenumber(l);
-            let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
+            let (mu, tolerance) = (modes.wavenumber(l), tolerances[l] / legs.len() as f64);
+            let work = propagate::work(propagator, bounds, mu, leg.time, tolerance, &mut scratch);
             // For `k ≥ ht`, `J_k(ht)` grows with the time: the truncation error is largest at the
             // end.
             let turn = bounds.interval(mu).half_width * leg.time;

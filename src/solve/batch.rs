@@ -75,7 +75,7 @@ pub(super) fn add_batch(
             between.copy_from_slice(&state[..between.len()]);
             continue;
         }
-        add_step_error(task, system, propagator, stage, &LaneEnds { batch, spec, lanes: &lanes });
+        add_step_error(task, system, propagator, stage, batch, &spec, &lanes);
     }
     if let Some(keeping) = keeping {
         lanes.store(keeping.kept, batch, stage.legs.end, propagator.state());
@@ -103,7 +103,6 @@ fn propagated(
     Ok(report)
 }
 
-/// Progress of the lanes of a batch.
 struct LaneProgress {
     /// The factor of each lane.
     phases: [Complex64; LANES],
@@ -191,24 +190,18 @@ impl LaneProgress {
     }
 }
 
-/// The lanes of a batch at the end of its last leg.
-struct LaneEnds<'a> {
-    batch: &'a Batch,
-    spec: BatchSpec,
-    lanes: &'a LaneProgress,
-}
-
-/// Adds the leading term of the time-step error, if the method has one and the stage goes to the
-/// end. Collective over the space group.
+/// Adds the leading term of the time-step error of a batch, if the method has one and the stage goes
+/// to the end. Collective over the space group.
 fn add_step_error(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
     propagator: &dyn Propagator,
     stage: &mut Stage<'_>,
-    ends: &LaneEnds<'_>,
+    batch: &Batch,
+    spec: &BatchSpec,
+    LaneProgress { phases, norms, .. }: &LaneProgress,
 ) {
     let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) else { return };
-    let LaneEnds { batch, spec, lanes: LaneProgress { phases, norms, .. } } = ends;
     let whole = whole_over_leg(task.legs, task.legs.len() - 1);
     let steps = spec.largest_work();
     let bound =

@@ -11,7 +11,7 @@ use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::Case;
 use crate::solve::rank_cells::RankCells;
-use crate::solve::system::{DiscreteSystem, RoughSolution, SystemLimits};
+use crate::solve::system::{DiscreteSystem, RoughSolution};
 
 /// A case, the ranks that share it, and its semi-discrete system on this rank.
 pub struct Prepared {
@@ -29,7 +29,6 @@ pub struct Prepared {
     pub bounds: Bounds,
     /// Bounds with which the system was assembled, before the growth was measured.
     expected: Bounds,
-    /// Largest number of sweeps for the weights.
     max_weight_sweeps: usize,
 }
 
@@ -78,8 +77,8 @@ impl Prepared {
         let rank_cells = RankCells::new(&case.space, &plan, &communicator);
         // Modes exchange ghosts a batch at a time, the classical method real vectors.
         let width = plan.warp.as_ref().map_or(1, |_| size_of::<Lanes>() / 8);
-        let limits = SystemLimits { ghost_width: width, max_weight_sweeps };
-        let system = DiscreteSystem::new(case, bounds, &communicator, &rank_cells, limits)?;
+        let sweeps = max_weight_sweeps;
+        let system = DiscreteSystem::new(case, bounds, &communicator, &rank_cells, width, sweeps)?;
         // Returns the memory of the assembly before the modes need theirs.
         memory::give_back();
         let assembled = Some(assembled_size(&communicator.world, &system.matrix));

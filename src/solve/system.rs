@@ -9,8 +9,7 @@ use crate::parallel::communicator::{Communicator, GhostExchange, Group};
 use crate::problem::case::{Case, Integrator, LiouvilleField, Method};
 use crate::problem::grid::PhaseSpace;
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
-use crate::propagate::time_dependent_inflow;
-use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE, WeightedField};
+use crate::propagate::time_dependent_inflow::{self, Schedule, TIME_SHARE, WeightedField};
 use crate::solve::rank_cells::RankCells;
 use crate::solve::start_field;
 use num_complex::Complex64;
@@ -59,15 +58,6 @@ fn check_magnitude(world: &Group, key: &str, values: impl Iterator<Item = f64>) 
         return Ok(());
     }
     Err(Error::Magnitude { key: key.to_owned(), value })
-}
-
-/// Limits on the use and assembly of a system.
-#[derive(Clone, Copy, Debug)]
-pub struct SystemLimits {
-    /// The largest number of reals in a row of a vector whose ghosts are exchanged.
-    pub ghost_width: usize,
-    /// Largest number of sweeps for the weights.
-    pub max_weight_sweeps: usize,
 }
 
 /// Finds the weights and scales `matrix` by them: dissipative weights within so many `sweeps`, the
@@ -175,7 +165,9 @@ fn inflow_schedule(
 }
 
 impl DiscreteSystem {
-    /// Assembles the block of this rank, finds the weights, samples the initial state. Collective.
+    /// Assembles the block of this rank, finds the weights in at most `max_weight_sweeps` sweeps,
+    /// samples the initial state. A row of a vector whose ghosts are exchanged has at most
+    /// `ghost_width` reals. Collective.
     ///
     /// # Errors
     /// Formulas that are not finite; weights that do not converge.
@@ -184,14 +176,15 @@ impl DiscreteSystem {
         bounds: &Bounds,
         communicator: &Communicator,
         rank_cells: &RankCells,
-        limits: SystemLimits,
+        ghost_width: usize,
+        max_weight_sweeps: usize,
     ) -> Result<Self> {
         let space = &communicator.space;
         let assembled = BlockMatrix::assemble(case, rank_cells.block.clone());
         let mut matrix = communicator.world.agree(assembled)?;
-        let mut exchange = GhostExchange::new(space, &matrix.block, limits.ghost_width);
+        let mut exchange = GhostExchange::new(space, &matrix.block, ghost_width);
         let started = Instant::now();
-        let sweeps = bounds.weighted.then_some(limits.max_weight_sweeps);
+        let sweeps = bounds.weighted.then_some(max_weight_sweeps);
         let mut weights = weighted(case, &mut matrix, &mut exchange, space, sweeps)?;
         let weight_seconds = started.elapsed().as_secs_f64();
         matrix.couple(space, case, &mut weights.pi);
@@ -325,7 +318,10 @@ impl DiscreteSystem {
             propagate_roughly(&self.matrix, &mut self.exchange, bounds, time, &mut state);
             state
         });
-        RoughSolution { ratio, norms: self.norms_at(communicator, &state) }
+        let start = self.norm(communicator, &self.states[0]);
+        let [weighted, auxiliary] = self.norms_of_parts(communicator, &state);
+        let field = self.field_norm(communicator, &state);
+        RoughSolution { ratio, norms: StateNorms { start, weighted, auxiliary, field } }
     }
 
     /// Propagates the fields roughly over `legs`; with a varying inflow nothing is propagated. The
@@ -354,13 +350,6 @@ impl DiscreteSystem {
             }
         }
         Probe { ratio: communicator.modes.max(largest), last }
-    }
-
-    /// The norms of the first field, which is `state` at the end. Collective.
-    fn norms_at(&self, communicator: &Communicator, state: &[f64]) -> StateNorms {
-        let start = self.norm(communicator, &self.states[0]);
-        let [weighted, auxiliary] = self.norms_of_parts(communicator, state);
-        StateNorms { start, weighted, auxiliary, field: self.field_norm(communicator, state) }
     }
 }
 

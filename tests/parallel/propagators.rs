@@ -23,7 +23,7 @@ use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::intermediate_moments::IntermediateMoments;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::method::{BatchReport, Propagator};
-use phasewarp::propagate::{PropagationSpan, work};
+use phasewarp::propagate::work;
 use std::collections::BTreeMap;
 
 /// Wavenumbers of a batch, from 0 to more than those of plans.
@@ -270,10 +270,8 @@ fn krylov_steps(
     let mut scratch = Vec::new();
     let bounds = &weighted.prepared.bounds;
     let propagation = &twin.case.propagator;
-    let planned = WAVENUMBERS.map(|mu| {
-        let span = PropagationSpan { time, tolerance };
-        work(propagation, bounds, mu, span, &mut scratch)
-    });
+    let planned =
+        WAVENUMBERS.map(|mu| work(propagation, bounds, mu, time, tolerance, &mut scratch));
     let batch = BatchSpec {
         modes: LANES,
         wavenumbers: WAVENUMBERS,

@@ -154,7 +154,6 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Fi
     Ok(FileRecord { bytes: 8 * sink.words, checksum })
 }
 
-/// A file that is being written.
 struct FileWriter {
     file: BufWriter<File>,
     words: u64,

@@ -14,7 +14,7 @@ use crate::propagate::evolution::{Evolution, InitialState};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::method::{BatchCoupling, Propagator};
 use crate::propagate::time_dependent_inflow::Schedule;
-use crate::propagate::{self, PropagationSpan, descriptor, propagator};
+use crate::propagate::{self, descriptor, propagator};
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::modes::{self, RunHooks};
 use crate::solve::prepared::Prepared;
@@ -238,11 +238,10 @@ impl<'a> ShortenedRun<'a> {
                 continue;
             }
             for l in 0..warp.modes {
-                let span =
-                    PropagationSpan { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
-                let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
-                let work = propagate::work(propagator, bounds, mu, span, &mut scratch);
-                warp.leg_work[k][l] = work;
+                let (mu, tolerance) = (warp.wavenumber(l), warp.leg_tolerance(l) * fraction);
+                let (bounds, time) = (&plan.bounds, leg.time);
+                warp.leg_work[k][l] =
+                    propagate::work(propagator, bounds, mu, time, tolerance, &mut scratch);
             }
         }
         warp.state_tolerance *= fraction;
