@@ -387,10 +387,7 @@ pub fn reach(bounds: &Bounds, case: &Case) -> [f64; 2] {
 impl Probabilities {
     /// The probabilities of the window, or of the slice where there is none.
     pub fn nearest(&self) -> &PostselectionChain {
-        match self.window {
-            Some(_) => &self.in_window,
-            None => &self.at_slice,
-        }
+        if self.window.is_some() { &self.in_window } else { &self.at_slice }
     }
 
     /// Evolutions until the field is found in the window, or in the slice where there is none:

@@ -65,8 +65,8 @@ pub(super) fn add_batch(
         let report = propagated(system, propagator, &spec, &start, moments, on_the_way)?;
         lanes.advance(leg, &report);
         let (cells, state) = (system.matrix.block.cells(), propagator.state());
-        let (ratio, found) = lanes.norms_kept(system, state, &spec, batch, report.unitary)?;
-        statistics.norms(ratio, found);
+        let [kept, defect] = lanes.norms_kept(system, state, &spec, batch, report.unitary)?;
+        statistics.norms(kept, defect);
         statistics.took(&report);
         for sum in at_end {
             sum.add(&weights(warp, batch, &sum.reading, &lanes.phases), &state[..cells]);
@@ -149,7 +149,7 @@ impl LaneProgress {
         kept.store(&batch.modes, &progress, state);
     }
 
-    /// Smallest ratio of a lane's norm to its norm at time zero, infinite where that was zero; and,
+    /// Smallest ratio of a lane's norm to its norm at time zero, `None` where that was zero; and,
     /// where the method is `unitary`, the largest change as a fraction of the allowed one.
     /// Collective over the space group.
     ///
@@ -162,7 +162,7 @@ impl LaneProgress {
         spec: &BatchSpec,
         batch: &Batch,
         unitary: bool,
-    ) -> Result<(f64, Option<f64>)> {
+    ) -> Result<[Option<f64>; 2]> {
         let Self { norms, allowed, .. } = self;
         let now = system.lane_norms(&norms.map(|norm| norm * norm), state);
         let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
@@ -186,7 +186,7 @@ impl LaneProgress {
             }
             defect = defect.max(change / allowed[l]);
         }
-        Ok((kept, unitary.then_some(defect)))
+        Ok([Some(kept).filter(|kept| kept.is_finite()), unitary.then_some(defect)])
     }
 }
 

@@ -479,12 +479,12 @@ impl ReadoutContext<'_> {
         } else {
             repetitions.shots
         };
-        let times = |figure: &LabelledNumber, each: &dyn Fn(f64) -> f64, why| match figure.value() {
-            Some(x) => LabelledNumber::estimate(uses * each(x), why),
+        let times = |figure: &LabelledNumber, why| match figure.value() {
+            Some(x) => LabelledNumber::estimate(uses * x, why),
             None => figure.clone(),
         };
-        let repeated = times(&chain.repetitions, &|r| r, WHY);
-        let coherent = times(&chain.amplified_evolutions, &|n| n, ROUNDS);
+        let repeated = times(&chain.repetitions, WHY);
+        let coherent = times(&chain.amplified_evolutions, ROUNDS);
         let (all, none) = (LabelledNumber::exact(uses), LabelledNumber::unavailable);
         match (estimator.enlarged(), estimator.coherent()) {
             (false, false) => [repeated, coherent],

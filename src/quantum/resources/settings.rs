@@ -87,8 +87,5 @@ fn of_warp(case: &Case, counts: &ResourceCounts, share: f64) -> Vec<String> {
 
 /// A value in a case file.
 fn literal(value: &Value) -> String {
-    match value.as_str() {
-        Some(text) => format!("'{text}'"),
-        None => value.to_string(),
-    }
+    value.as_str().map_or_else(|| value.to_string(), |text| format!("'{text}'"))
 }
