@@ -419,12 +419,6 @@ fn exponential_parts(courant: f64, by_elements: bool) -> usize {
     if by_elements { (courant / LONGEST_PART).ceil().max(1.0) as usize } else { 1 }
 }
 
-/// Applications that an exponential over `courant = rate · time` takes.
-pub fn exponential_applications(courant: f64, negligible: f64, by_elements: bool) -> usize {
-    let parts = exponential_parts(courant, by_elements);
-    parts * poisson_window(courant / parts as f64, negligible).end
-}
-
 /// Steps of the classical method, leg by leg.
 pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
     let rate = bounds.rate;
@@ -433,7 +427,10 @@ pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
         Integrator::Exponential if case.varies() => {
             duhamel_applications(rate, &duhamel_panels(case, rate))
         }
-        Integrator::Exponential => exponential_applications(rate * time, EXACT, case.is_galerkin()),
+        Integrator::Exponential => {
+            let parts = exponential_parts(rate * time, case.is_galerkin());
+            parts * poisson_window(rate * time / parts as f64, EXACT).end
+        }
         Integrator::ForwardEuler | Integrator::SspRk3 => {
             (rate * time / (case.cfl * longest_step(case.limiter))).ceil().max(1.0) as usize
         }

@@ -133,7 +133,8 @@ impl WarpPlan {
             // A mode and its conjugate share the allowed error, so that the tolerance of a mode
             // does not depend on whether its conjugate is propagated.
             Some(_) => {
-                let share = |l| modes.undivided().weight(modes.source(l).number, reading).norm();
+                let own = PropagatedModes { count: series.modes(), series };
+                let share = |l| own.weight(modes.source(l).number, reading).norm();
                 (0..modes.count)
                     .map(|l| mode_tolerance(of_modes, series.modes(), share(l)))
                     .collect()
@@ -407,11 +408,6 @@ impl<'a> PropagatedModes<'a> {
         };
         let count = own + conjugates;
         Self { series, count }
-    }
-
-    /// The series' own modes, without their conjugates.
-    fn undivided(&self) -> Self {
-        Self { count: self.series.modes(), ..*self }
     }
 
     /// The mode of the series that gives the `l`-th.

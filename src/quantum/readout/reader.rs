@@ -45,17 +45,6 @@ pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
     x.map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Sets the estimate in `measured`, which `estimator` has drawn, and its standard error.
-fn set_estimate(measured: &mut Measured, estimate: Estimate, estimator: OverlapEstimator) {
-    let no_variance = "the distribution has no variance in closed form; see bound";
-    measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
-    measured.standard_error = if estimator.coherent() {
-        LabelledNumber::unavailable(no_variance)
-    } else {
-        LabelledNumber::estimate(estimate.error, "from the counts")
-    };
-}
-
 /// An overlap and the prefactor by which it gives a moment.
 #[derive(Clone, Copy, Debug)]
 struct Overlap {
@@ -245,7 +234,14 @@ impl ReadoutContext<'_> {
         let effort = self.effort(estimator, repetitions, undrawn);
         let mut measured = Measured { bound: self.labelled(bound), ..effort };
         if let Some(estimate) = estimate {
-            set_estimate(&mut measured, estimate, estimator);
+            measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
+            measured.standard_error = if estimator.coherent() {
+                LabelledNumber::unavailable(
+                    "the distribution has no variance in closed form; see bound",
+                )
+            } else {
+                LabelledNumber::estimate(estimate.error, "from the counts")
+            };
         }
         let evolutions = self.evolutions(estimator, repetitions);
         let bare_bound = within(repetitions.of_overlap(estimator));
