@@ -354,8 +354,8 @@ fn profile(start: &[Complex64]) -> std::result::Result<Vec<f64>, String> {
     Ok(amplitudes)
 }
 
-/// `w̃(T)` to round-off, not normalised, of the rows of `problem`, with these amplitudes of the modes
-/// at the `start`: the modes `l ≥ 0` by Chebyshev series, the others their conjugates.
+/// `w̃(T)` to round-off, not normalised, of the rows of `problem`, with these amplitudes of the
+/// modes at the `start`: the modes `l ≥ 0` by Chebyshev series, the others their conjugates.
 fn evolved_modes(
     case: &Case,
     bounds: &Bounds,

@@ -190,8 +190,8 @@ impl LaneProgress {
     }
 }
 
-/// Adds the leading term of the time-step error of a batch, if the method has one and the stage goes
-/// to the end. Collective over the space group.
+/// Adds the leading term of the time-step error of a batch, if the method has one and the stage
+/// goes to the end. Collective over the space group.
 fn add_step_error(
     task: &Task<'_>,
     system: &mut Evolution<'_>,

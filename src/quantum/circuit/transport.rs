@@ -102,8 +102,9 @@ pub enum Levels {
 
 impl Force {
     /// The force along `axis` in the case of this name; `None` where nothing is pushed. `speeds`
-    /// are `d_i` by the number of a space cell, `None` for numbers that are no cells. `boxes` covers
-    /// the numbers in its first argument by boxes, which may include any of those in its second.
+    /// are `d_i` by the number of a space cell, `None` for numbers that are no cells. `boxes`
+    /// covers the numbers in its first argument by boxes, which may include any of those in its
+    /// second.
     ///
     /// # Errors
     /// [`Error::Input`] where the coefficient depends on more than [`MOST_TABLE_BITS`] bits.

@@ -57,8 +57,8 @@ pub(in crate::quantum) struct AxisRegisters {
 }
 
 impl AxisRegisters {
-    /// The registers of axis `a` with this `velocity`: parts of those for space, by axis, of the bit
-    /// `above` energies, and of `wires`.
+    /// The registers of axis `a` with this `velocity`: parts of those for space, by axis, of the
+    /// bit `above` energies, and of `wires`.
     fn new(
         a: usize,
         speeds: usize,
