@@ -182,21 +182,6 @@ fn nonzero_norm(initial: &[Complex64], name: &str) -> Result<f64> {
     }
 }
 
-/// The text of the circuit that prepares `profile` and `state`, filled up with zeros to `unknowns`;
-/// or why there is none.
-fn preparation(
-    profile: std::result::Result<Vec<f64>, String>,
-    state: &[f64],
-    unknowns: usize,
-) -> (Option<String>, Option<String>) {
-    let mut state = state.to_vec();
-    state.resize(unknowns, 0.0);
-    match profile {
-        Ok(profile) => (Some(qasm(&circuit::preparation(&profile, &state), None)), None),
-        Err(why) => (None, Some(why)),
-    }
-}
-
 impl Export {
     /// The export of a case whose whole grid is on this rank. `estimate` is the number of qubits of
     /// amplitude estimation, if a complete circuit is requested.
@@ -239,8 +224,12 @@ impl Export {
             })
         });
         let complete = complete.transpose()?;
-        let start = &system.states[0][..rows];
-        let (preparation, refused) = preparation(profile, start, unknowns);
+        let preparation = profile.map(|profile| {
+            let mut state = system.states[0][..rows].to_vec();
+            state.resize(unknowns, 0.0);
+            qasm(&circuit::preparation(&profile, &state), None)
+        });
+        let refused = preparation.as_ref().err().cloned();
         Ok(Self {
             description: ExportDescription::new(
                 case, &registers, grid, &reading, norm_of_state, refused,
@@ -251,7 +240,7 @@ impl Export {
             states,
             field: reading.field,
             weights: reading.weights,
-            preparation,
+            preparation: preparation.ok(),
             complete,
         })
     }
