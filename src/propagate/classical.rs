@@ -94,13 +94,6 @@ pub struct ClassicalSpan {
     pub time: f64,
 }
 
-impl ClassicalSpan {
-    /// The product `rate·time`.
-    pub fn courant(&self) -> f64 {
-        self.rate * self.time
-    }
-}
-
 /// Integrates real vectors; scratch is made once.
 pub struct Classical<'a> {
     matrix: &'a BlockMatrix,
@@ -139,11 +132,6 @@ impl<'a> Classical<'a> {
     pub fn of(case: &'a Case, matrix: &'a BlockMatrix, pi: &[f64]) -> Self {
         let this = Self { begin: case.start_time, ..Self::new(matrix) };
         if case.varies() { this.with_source(&case.fields[0], pi) } else { this }
-    }
-
-    /// Whether the inflow depends on time.
-    pub fn varies(&self) -> bool {
-        self.source.is_some()
     }
 
     /// This integrator with the inflow of `field`, which depends on time, in unknowns weighted by
@@ -210,7 +198,7 @@ impl<'a> Classical<'a> {
         state: &mut [f64],
     ) {
         match case.integrator {
-            Integrator::Exponential if self.varies() => {
+            Integrator::Exponential if self.source.is_some() => {
                 let panels = duhamel_panels(case, span.rate);
                 self.duhamel(exchange, state, span, &panels);
             }
@@ -242,13 +230,13 @@ impl<'a> Classical<'a> {
         span: ClassicalSpan,
         negligible: f64,
     ) {
-        if span.courant() == 0.0 {
+        let courant = span.rate * span.time;
+        if courant == 0.0 {
             // No transport: inflow enters no cell.
             return;
         }
-        let parts = exponential_parts(span.courant(), self.matrix.by_elements);
-        let part = ClassicalSpan { time: span.time / parts as f64, ..span };
-        let (start, weights) = poisson_weights(part.courant(), negligible);
+        let parts = exponential_parts(courant, self.matrix.by_elements);
+        let (start, weights) = poisson_weights(span.rate * (span.time / parts as f64), negligible);
         let left_out = std::iter::repeat_n(None, start);
         let weights: Vec<Option<f64>> = left_out.chain(weights.into_iter().map(Some)).collect();
         for _ in 0..parts {

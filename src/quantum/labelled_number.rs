@@ -89,11 +89,6 @@ impl LabelledNumber {
         Self { label: Trust::Unavailable, value: None, because: Some(because.to_owned()) }
     }
 
-    /// The root, with the same label.
-    pub fn root(&self) -> Self {
-        Self { value: self.value.map(f64::sqrt), ..self.clone() }
-    }
-
     /// The number `number` with this one's label and reason; unavailable where this one is.
     pub fn with(&self, number: f64) -> Self {
         Self { value: self.value.map(|_| number), ..self.clone() }

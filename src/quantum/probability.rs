@@ -401,7 +401,7 @@ impl Probabilities {
     /// to the field, an error of the whole state is `1/√P` times as large.
     pub fn amplitude(&self) -> LabelledNumber {
         match &self.nearest().all {
-            all if all.value().is_some() => all.root(),
+            all if all.value().is_some() => all.with(all.or_zero().sqrt()),
             none => LabelledNumber::estimate(1.0, none.because().unwrap_or_default()),
         }
     }

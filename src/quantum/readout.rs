@@ -98,7 +98,6 @@ impl Readout {
         let rows = cells.iter().flat_map(|cell| {
             Observable::all(case.space.dimension()).into_iter().map(move |observable| ReadoutRow {
                 value: none(),
-                measured: Vec::new(),
                 ..ReadoutRow::at(&case.space, cell, observable)
             })
         });
