@@ -35,7 +35,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     let directory = output(world, &args.export, &owner, &names, &case.name)?;
     let (case, about_interface) = on_a_quantum_computer(case);
     let exported = export_quantum(world, &case, &directory, args.complete.map(usize::from))?;
-    let description = exported.description();
+    let description = &exported.description;
     if let Some(why) = &description.preparation
         && world.group().is_first()
     {

@@ -213,7 +213,7 @@ pub struct Accesses {
     /// Whether `S = 0`.
     skew: bool,
     /// The case in whole numbers, for a circuit, or why there is no circuit.
-    circuit: Result<CircuitCase, String>,
+    pub circuit: Result<CircuitCase, String>,
     /// The number of T gates that a rotation takes.
     pub synthesis: RotationSynthesis,
     /// Counts of circuits, controlled and not, by the qubits of `p`.
@@ -245,11 +245,6 @@ impl Accesses {
         let CircuitCase { transport, rounded, change } = self.circuit.as_ref().ok()?;
         let (bin_bits, rounded, change) = (transport.bin_bits, *rounded, *change);
         Some(JumpRounding { bin_bits, rounded, change: LabelledNumber::bound(change) })
-    }
-
-    /// Why there is no circuit; `None` where there is one.
-    pub fn no_circuit(&self) -> Option<&str> {
-        self.circuit.as_ref().err().map(String::as_str)
     }
 
     /// The costs of every access. `evolutions` are those until the field is measured: repeated, and

@@ -105,7 +105,8 @@ pub struct ExportDescription {
 
 /// The contents of the files, computed on one rank.
 pub struct Export {
-    description: ExportDescription,
+    /// The exported objects.
+    pub description: ExportDescription,
     /// `w̃(0)` and `w̃(T)`, `w(0)` and `w(T)`.
     modes: [Vec<Complex64>; 2],
     states: [Vec<Complex64>; 2],
@@ -169,19 +170,6 @@ fn amplitudes(series: &Series, points: usize, lower: f64) -> Vec<Complex64> {
     (0..points).map(amplitude).collect()
 }
 
-/// The norm of the state at the start.
-///
-/// # Errors
-/// [`Error::Input`] if it is zero.
-fn nonzero_norm(initial: &[Complex64], name: &str) -> Result<f64> {
-    match norm(initial) {
-        0.0 => Err(Error::Input(format!(
-            "{name}: the state at the start is zero or underflows: f(0), or g(p) on these points"
-        ))),
-        norm => Ok(norm),
-    }
-}
-
 impl Export {
     /// The export of a case whose whole grid is on this rank. `estimate` is the number of qubits of
     /// amplitude estimation, if a complete circuit is requested.
@@ -198,7 +186,13 @@ impl Export {
         let unknowns = cells << registers.label;
         let start = amplitudes(&warp.series, grid.points, grid.lower);
         let initial = initial_modes(&start, &system.states[0][..rows], unknowns);
-        let norm_of_state = nonzero_norm(&initial, &case.name)?;
+        let norm_of_state = norm(&initial);
+        if norm_of_state == 0.0 {
+            return Err(Error::Input(format!(
+                "{}: the state at the start is zero or underflows: f(0), or g(p) on these points",
+                case.name
+            )));
+        }
         let evolved = evolved_modes(case, bounds, &warp.series, &start, system, communicator)?;
         let mut modes = [initial, evolved];
         modes[1].resize(unknowns * grid.points, Complex64::ZERO);
@@ -268,11 +262,6 @@ impl Export {
             write("complete.json", complete.json().as_bytes())?;
         }
         exported::write(directory, &self.description)
-    }
-
-    /// The exported objects.
-    pub fn description(&self) -> &ExportDescription {
-        &self.description
     }
 
     /// The description of the complete circuit, if there is one.

@@ -181,7 +181,7 @@ impl AccessCosts {
         Self {
             t_of_rotation: accesses.synthesis,
             costs: accesses.costs(requirements, evolutions),
-            no_circuit: accesses.no_circuit().map(str::to_owned),
+            no_circuit: accesses.circuit.as_ref().err().cloned(),
             rounding: accesses.rounding(),
         }
     }
