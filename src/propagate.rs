@@ -37,7 +37,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Propagation, PropagatorMethod};
 use crate::propagate::commutator_free::CommutatorFree;
-use crate::propagate::implicit::{BACKWARD_EULER, CRANK_NICOLSON};
+use crate::propagate::implicit::ImplicitMethod;
 use crate::propagate::method::{Descriptor, ModeDemand, Propagator, PropagatorSetting};
 use crate::propagate::time_dependent_inflow::Schedule;
 
@@ -46,8 +46,8 @@ pub fn descriptor(method: PropagatorMethod) -> &'static dyn Descriptor {
     match method {
         PropagatorMethod::Chebyshev => &chebyshev::ChebyshevMethod,
         PropagatorMethod::Krylov => &krylov::KrylovMethod,
-        PropagatorMethod::CrankNicolson => &CRANK_NICOLSON,
-        PropagatorMethod::BackwardEuler => &BACKWARD_EULER,
+        PropagatorMethod::CrankNicolson => &ImplicitMethod { name: "crank-nicolson", order: 2 },
+        PropagatorMethod::BackwardEuler => &ImplicitMethod { name: "backward-euler", order: 1 },
     }
 }
 
@@ -100,11 +100,8 @@ pub fn work(
     span: PropagationSpan,
     scratch: &mut Vec<f64>,
 ) -> usize {
-    let demand = ModeDemand {
-        half_width: bounds.interval(mu).half_width,
-        time: span.time,
-        tolerance: span.tolerance,
-        step: propagation.step,
-    };
+    let PropagationSpan { time, tolerance } = span;
+    let (half_width, step) = (bounds.interval(mu).half_width, propagation.step);
+    let demand = ModeDemand { half_width, time, tolerance, step };
     descriptor(propagation.method).work(&demand, scratch)
 }

@@ -41,7 +41,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
     let estimate = args.complete.map(usize::from);
     let exported = world.group().agree(Export::new(&mut prepared, estimate))?;
     world.group().on_first_rank(|| exported.write(&directory))?;
-    let description = exported.description();
+    let description = &exported.description;
     if let Some(why) = &description.preparation
         && world.group().is_first()
     {
@@ -52,7 +52,7 @@ pub fn quantum(world: &World, args: &QuantumArgs) -> Result<()> {
         "{} qubits ({} of p); read at p = {} with probability {}{about_interface}\nfiles in {}",
         description.qubits,
         description.qubits_p,
-        short(rounded(description.recovery, 1.0)),
+        short(rounded(description.grid.recovery, 1.0)),
         short(probability),
         directory.display()
     );

@@ -19,17 +19,12 @@ pub const EXACT: f64 = 1e-18;
 /// Poisson probabilities below this are left out if three digits suffice.
 pub const ROUGH: f64 = 1e-5;
 
-/// `ln(k!)`.
-fn log_factorial(k: usize) -> f64 {
-    libm::lgamma(k as f64 + 1.0)
-}
-
 /// Poisson probability `e^{−λ} λ^k / k!`.
 fn poisson(lambda: f64, k: usize) -> f64 {
     if lambda == 0.0 {
         return if k == 0 { 1.0 } else { 0.0 };
     }
-    (k as f64 * lambda.ln() - lambda - log_factorial(k)).exp()
+    (k as f64 * lambda.ln() - lambda - libm::lgamma(k as f64 + 1.0)).exp()
 }
 
 /// The `k` at which the Poisson probability is not below `negligible`.
@@ -113,13 +108,6 @@ pub struct ClassicalSpan {
     pub time: f64,
 }
 
-impl ClassicalSpan {
-    /// The product `rate·time`.
-    pub fn courant(&self) -> f64 {
-        self.rate * self.time
-    }
-}
-
 /// Integrates real vectors; scratch is made once.
 pub struct Classical<'a> {
     matrix: &'a BlockMatrix,
@@ -158,11 +146,6 @@ impl<'a> Classical<'a> {
     pub fn of(case: &'a Case, matrix: &'a BlockMatrix, pi: &[f64]) -> Self {
         let this = Self { begin: case.start_time, ..Self::new(matrix) };
         if case.varies() { this.with_source(&case.fields[0], pi) } else { this }
-    }
-
-    /// Whether the inflow depends on time.
-    pub fn varies(&self) -> bool {
-        self.source.is_some()
     }
 
     /// This integrator with the inflow of `field`, which depends on time, in unknowns weighted by
@@ -229,7 +212,7 @@ impl<'a> Classical<'a> {
         state: &mut [f64],
     ) {
         match case.integrator {
-            Integrator::Exponential if self.varies() => {
+            Integrator::Exponential if self.source.is_some() => {
                 let panels = duhamel_panels(case, span.rate);
                 self.duhamel(exchange, state, span, &panels);
             }
@@ -261,13 +244,13 @@ impl<'a> Classical<'a> {
         span: ClassicalSpan,
         negligible: f64,
     ) {
-        if span.courant() == 0.0 {
+        let courant = span.rate * span.time;
+        if courant == 0.0 {
             // No transport: inflow enters no cell.
             return;
         }
-        let parts = exponential_parts(span.courant(), self.matrix.by_elements);
-        let part = ClassicalSpan { time: span.time / parts as f64, ..span };
-        let weights = PoissonWeights::new(part.courant(), negligible);
+        let parts = exponential_parts(courant, self.matrix.by_elements);
+        let weights = PoissonWeights::new(span.rate * (span.time / parts as f64), negligible);
         for _ in 0..parts {
             self.apply_series(exchange, state, span.rate, &weights);
         }
@@ -440,30 +423,23 @@ fn exponential_parts(courant: f64, by_elements: bool) -> usize {
     if by_elements { (courant / LONGEST_PART).ceil().max(1.0) as usize } else { 1 }
 }
 
-/// Applications that an exponential over `courant = rate · time` takes.
-pub fn exponential_applications(courant: f64, negligible: f64, by_elements: bool) -> usize {
-    let parts = exponential_parts(courant, by_elements);
-    parts * poisson_window(courant / parts as f64, negligible).end
-}
-
 /// Steps of the classical method, leg by leg.
 pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
-    let steps = |&time: &f64| classical_steps_of(case, ClassicalSpan { rate: bounds.rate, time });
-    case.legs().iter().map(steps).collect()
-}
-
-pub(crate) fn classical_steps_of(case: &Case, span: ClassicalSpan) -> usize {
-    let courant = span.courant();
-    match case.integrator {
+    let rate = bounds.rate;
+    let steps = |&time: &f64| match case.integrator {
         // The results of such a run are written at the end only: one leg.
         Integrator::Exponential if case.varies() => {
-            duhamel_applications(span.rate, &duhamel_panels(case, span.rate))
+            duhamel_applications(rate, &duhamel_panels(case, rate))
         }
-        Integrator::Exponential => exponential_applications(courant, EXACT, case.is_galerkin()),
+        Integrator::Exponential => {
+            let parts = exponential_parts(rate * time, case.is_galerkin());
+            parts * poisson_window(rate * time / parts as f64, EXACT).end
+        }
         Integrator::ForwardEuler | Integrator::SspRk3 => {
-            (courant / (case.cfl * longest_step(case.limiter))).ceil().max(1.0) as usize
+            (rate * time / (case.cfl * longest_step(case.limiter))).ceil().max(1.0) as usize
         }
-    }
+    };
+    case.legs().iter().map(steps).collect()
 }
 
 #[cfg(test)]

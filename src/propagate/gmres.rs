@@ -6,7 +6,6 @@ use crate::propagate::local_factors::LocalFactors;
 use num_complex::Complex64;
 use std::ops::Range;
 
-/// Scratch of GMRES.
 pub(super) struct Gmres {
     /// Largest dimension.
     restart: usize,

@@ -157,15 +157,9 @@ pub fn steps(step: f64, time: f64) -> usize {
 
 /// The descriptor of an implicit method.
 pub struct ImplicitMethod {
-    name: &'static str,
-    order: usize,
+    pub(super) name: &'static str,
+    pub(super) order: usize,
 }
-
-/// Crank–Nicolson.
-pub static CRANK_NICOLSON: ImplicitMethod = ImplicitMethod { name: "crank-nicolson", order: 2 };
-
-/// Backward Euler.
-pub static BACKWARD_EULER: ImplicitMethod = ImplicitMethod { name: "backward-euler", order: 1 };
 
 impl Descriptor for ImplicitMethod {
     fn batch_coupling(&self) -> BatchCoupling {

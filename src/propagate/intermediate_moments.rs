@@ -24,9 +24,7 @@ use std::ops::Range;
 
 /// The moments of a batch at the times that a leg passes, and their scratch; made once.
 pub struct IntermediateMoments<'a> {
-    /// The terms of the series, as they are read.
     pub(crate) terms: PassedTerms<'a>,
-    /// The blockings of the steps.
     pub(crate) blocking: FastestBlocking,
 }
 
@@ -49,7 +47,6 @@ pub(crate) struct PassedTerms<'a> {
     of_terms: Vec<[f64; 2 * LANES]>,
     /// Sums by point of space, time and moment.
     values: Vec<[f64; LANES]>,
-    /// The sum of the terms.
     pub(crate) sum: Vec<Lanes>,
     series: Vec<f64>,
     /// The first of the terms that are expected.

@@ -168,15 +168,6 @@ impl Reconstruction {
     }
 }
 
-/// The number of an unknown on this rank, ghosts behind the rows; `None` if it is not there.
-fn local_number(matrix: &BlockMatrix, global: usize) -> Option<u32> {
-    let number = match matrix.block.local(global)? {
-        LocalIndex::Own(cell) => cell,
-        LocalIndex::Ghost(ghost) => matrix.rows() + ghost,
-    };
-    Some(number as u32)
-}
-
 impl LimitedTransport {
     fn new(
         space: &PhaseSpace,
@@ -188,7 +179,11 @@ impl LimitedTransport {
     ) -> Self {
         let block = &matrix.block;
         let nv = block.velocity_cells;
-        let local = |global: usize| local_number(matrix, global);
+        // The number of an unknown on this rank, ghosts behind the rows; `None` if it is not there.
+        let local = |global: usize| match block.local(global)? {
+            LocalIndex::Own(cell) => Some(cell as u32),
+            LocalIndex::Ghost(ghost) => Some((matrix.rows() + ghost) as u32),
+        };
         let mut this =
             Self {
                 // A periodic axis of one cell has no slope and needs no correction.

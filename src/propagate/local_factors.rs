@@ -24,7 +24,6 @@ pub(super) struct LocalFactors {
     pub(super) wavenumber: f64,
 }
 
-/// A failure of the factorisation.
 fn failure(reason: &dyn std::fmt::Debug) -> Error {
     Error::Factors(format!("{reason:?}"))
 }

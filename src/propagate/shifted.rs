@@ -26,7 +26,6 @@ pub const RESTART: usize = 60;
 /// Largest dimension where one rank holds all of space, so that the factors solve the system and an
 /// iteration is a refinement.
 pub const REFINEMENTS: usize = 2;
-/// Largest number of iterations for a system.
 const MOST_ITERATIONS: usize = 3000;
 
 /// Peak bytes a row of the factors and their workspace beside the entries of the matrix, from

@@ -38,7 +38,6 @@ use std::ops::Range;
 pub const TIME_SHARE: f64 = 0.2;
 /// Steps of the first run.
 const FEWEST_STEPS: usize = 8;
-/// Most steps.
 const MOST_STEPS: usize = 1 << 13;
 /// Smallest tolerance: the round-off of some thousand stages stays well below its share.
 const SMALLEST: f64 = 2e-12;
@@ -247,30 +246,7 @@ struct StepSearch<'a> {
     jumps: bool,
 }
 
-/// The run with the more steps of two, and its error.
-struct FinerRun<'a> {
-    state: &'a [f64],
-    norm: f64,
-    error: f64,
-    /// Whether the error follows from three runs.
-    order_is_seen: bool,
-}
-
 impl StepSearch<'_> {
-    /// The schedule of `steps` steps, which leave `error`, before its couplings are known.
-    fn accepted(&self, steps: usize, error: f64, finer: &FinerRun<'_>) -> Schedule {
-        Schedule {
-            steps,
-            error,
-            norm: finer.norm,
-            reference: finer.state[..self.matrix.block.cells()].to_vec(),
-            reference_error: finer.error,
-            order_is_seen: finer.order_is_seen,
-            jumps: self.jumps,
-            ..Schedule::default()
-        }
-    }
-
     /// The run of `steps` steps. Collective.
     fn run(&self, exchange: &mut GhostExchange, steps: usize) -> Result<RealRun> {
         let world = &self.communicator.world;
@@ -398,12 +374,22 @@ pub fn schedule(
             if last.is_nan() || distance == 0.0 { 4.0 } else { (last / distance).clamp(1.5, 16.0) };
         last = distance;
         let error = distance / (ratio - 1.0);
-        let finer = FinerRun { state: &fine.state, norm, error, order_is_seen };
+        // The schedule of so many steps, which leave this error, before its couplings are known.
+        let accepted = |steps: usize, left: f64| Schedule {
+            steps,
+            error: left,
+            norm,
+            reference: fine.state[..matrix.block.cells()].to_vec(),
+            reference_error: error,
+            order_is_seen,
+            jumps,
+            ..Schedule::default()
+        };
         if error * ratio <= goal && search.resolves_inflow(&coarse, largest) {
-            break (coarse, search.accepted(steps, error * ratio, &finer));
+            break (coarse, accepted(steps, error * ratio));
         }
         if error <= goal && search.resolves_inflow(&fine, largest) {
-            let schedule = search.accepted(2 * steps, error, &finer);
+            let schedule = accepted(2 * steps, error);
             break (fine, schedule);
         }
         if 2 * steps >= MOST_STEPS || error.is_nan() {

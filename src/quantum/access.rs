@@ -29,7 +29,6 @@ pub struct SparseAccess<'a> {
     space: &'a PhaseSpace,
     /// `π` of the cells.
     pi: &'a [f64],
-    /// The couplings of the auxiliary unknowns.
     inflow: Couplings,
     /// `N_p`.
     points: usize,
@@ -102,11 +101,6 @@ impl<'a> SparseAccess<'a> {
     pub fn unknowns(&self) -> usize {
         let auxiliary = if self.inflow.shared { 1 } else { self.inflow.rows.len() };
         self.space.cells() + auxiliary
-    }
-
-    /// `N_p`.
-    pub fn points(&self) -> usize {
-        self.points
     }
 
     /// Order of `H`.
@@ -339,7 +333,6 @@ fn fullest_row(matrix: &BlockMatrix, space: &Group) -> usize {
     common.map_or(fullest, |row| fullest.max(space.sum_count(nonzeros(matrix, row))))
 }
 
-/// Nonzeros of a row.
 fn nonzeros(matrix: &BlockMatrix, row: usize) -> usize {
     matrix.row(row).filter(|&(_, s, k)| s != 0.0 || k != 0.0).count()
 }

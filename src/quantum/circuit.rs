@@ -187,8 +187,7 @@ impl CompiledCircuit {
     /// # Errors
     /// [`Error::Input`].
     fn refuse_large_check(&self) -> Result<()> {
-        let of_block = self.circuit.registers.iter().filter(|r| r.role == RegisterRole::Block);
-        let spread: usize = of_block.map(|r| r.size).sum();
+        let spread = self.circuit.qubits_of(RegisterRole::Block).len();
         if spread > MOST_TERMS || self.circuit.qubits() > simulate::MOST_QUBITS {
             return Err(Error::Input(format!(
                 "--check: 2^{spread} terms on {} qubits; at most 2^{MOST_TERMS} on {} are \
@@ -253,8 +252,8 @@ impl CompiledCircuit {
     pub fn write(&self, directory: &Path) -> Result<()> {
         let Self { circuit, description, phases } = self;
         disk::make(directory)?;
-        let write = |name: &str, text: &str| disk::write_text(&directory.join(name), text);
-        write("interface.qasm", &formats::qasm(circuit, Some(&description.title)))?;
+        let text = formats::qasm(circuit, Some(&description.title));
+        disk::write_text(&directory.join("interface.qasm"), &text)?;
         let whole = json!({
             "description": description,
             "registers": circuit.registers,
@@ -266,7 +265,7 @@ impl CompiledCircuit {
             ("azure.json", &formats::azure(description)),
             ("qref.json", &formats::qref(description)),
         ] {
-            write(name, &format!("{value:#}\n"))?;
+            disk::write_json(&directory.join(name), value)?;
         }
         Ok(())
     }

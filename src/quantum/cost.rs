@@ -185,7 +185,6 @@ pub struct LeastCost {
     pub queries: OracleQueries,
 }
 
-/// A circuit of a case.
 struct CircuitAccess<'a> {
     transport: &'a CaseTransport,
     weights: ModeWeights,
@@ -208,15 +207,15 @@ impl CircuitAccess<'_> {
 pub struct Accesses {
     time: f64,
     /// The largest entries of `(S, K)`.
-    entries: LargestEntries,
+    pub entries: LargestEntries,
     /// Qubits that number the unknowns.
     qubits: usize,
     /// Whether `S = 0`.
     skew: bool,
     /// The case in whole numbers, for a circuit, or why there is no circuit.
-    circuit: Result<CircuitCase, String>,
+    pub circuit: Result<CircuitCase, String>,
     /// The number of T gates that a rotation takes.
-    synthesis: RotationSynthesis,
+    pub synthesis: RotationSynthesis,
     /// Counts of circuits, controlled and not, by the qubits of `p`.
     counts: RefCell<HashMap<(usize, Access), [GateCounts; 2]>>,
 }
@@ -241,26 +240,11 @@ impl Accesses {
         Self { time, entries, qubits, skew: bounds.is_skew(), circuit, synthesis, counts }
     }
 
-    /// The number of T gates that a rotation takes.
-    pub fn synthesis(&self) -> RotationSynthesis {
-        self.synthesis
-    }
-
     /// How a circuit rounds jumps of `V`; `None` without a circuit.
     pub fn rounding(&self) -> Option<JumpRounding> {
         let CircuitCase { transport, rounded, change } = self.circuit.as_ref().ok()?;
         let (bin_bits, rounded, change) = (transport.bin_bits, *rounded, *change);
         Some(JumpRounding { bin_bits, rounded, change: LabelledNumber::bound(change) })
-    }
-
-    /// `‖H‖_max` for wavenumbers up to `highest`.
-    pub fn largest_entry(&self, highest: f64) -> f64 {
-        self.entries.largest(highest)
-    }
-
-    /// Why there is no circuit; `None` where there is one.
-    pub fn no_circuit(&self) -> Option<&str> {
-        self.circuit.as_ref().err().map(String::as_str)
     }
 
     /// The costs of every access. `evolutions` are those until the field is measured: repeated, and

@@ -81,14 +81,9 @@ pub struct ExportDescription {
     pub qubits: usize,
     /// `T`.
     pub time: f64,
-    /// `L`, the first point in `p`.
-    pub lower: f64,
-    /// `P`, so that `p_k = L + kP/N_p`.
-    pub period: f64,
-    /// `k◇`, of the point where the field is read.
-    pub recovery_index: usize,
-    /// `p◇`.
-    pub recovery: f64,
+    /// The points in `p`.
+    #[serde(flatten)]
+    pub grid: PointGrid,
     /// `C_w`.
     pub norm_of_state: f64,
     /// `C_f`.
@@ -110,7 +105,8 @@ pub struct ExportDescription {
 
 /// The contents of the files, computed on one rank.
 pub struct Export {
-    description: ExportDescription,
+    /// The exported objects.
+    pub description: ExportDescription,
     /// `w̃(0)` and `w̃(T)`, `w(0)` and `w(T)`.
     modes: [Vec<Complex64>; 2],
     states: [Vec<Complex64>; 2],
@@ -174,39 +170,6 @@ fn amplitudes(series: &Series, points: usize, lower: f64) -> Vec<Complex64> {
     (0..points).map(amplitude).collect()
 }
 
-/// The norm of the state at the start.
-///
-/// # Errors
-/// [`Error::Input`] if it is zero.
-fn nonzero_norm(initial: &[Complex64], name: &str) -> Result<f64> {
-    match norm(initial) {
-        0.0 => Err(Error::Input(format!(
-            "{name}: the state at the start is zero or underflows: f(0), or g(p) on these points"
-        ))),
-        norm => Ok(norm),
-    }
-}
-
-/// The states at the points in `p` of the modes of each unknown.
-fn states_of(modes: &[Complex64], points: usize) -> Vec<Complex64> {
-    modes.chunks_exact(points).flat_map(transformed).collect()
-}
-
-/// The text of the circuit that prepares `profile` and `state`, filled up with zeros to `unknowns`;
-/// or why there is none.
-fn preparation(
-    profile: std::result::Result<Vec<f64>, String>,
-    state: &[f64],
-    unknowns: usize,
-) -> (Option<String>, Option<String>) {
-    let mut state = state.to_vec();
-    state.resize(unknowns, 0.0);
-    match profile {
-        Ok(profile) => (Some(qasm(&circuit::preparation(&profile, &state), None)), None),
-        Err(why) => (None, Some(why)),
-    }
-}
-
 impl Export {
     /// The export of a case whose whole grid is on this rank. `estimate` is the number of qubits of
     /// amplitude estimation, if a complete circuit is requested.
@@ -223,12 +186,19 @@ impl Export {
         let unknowns = cells << registers.label;
         let start = amplitudes(&warp.series, grid.points, grid.lower);
         let initial = initial_modes(&start, &system.states[0][..rows], unknowns);
-        let norm_of_state = nonzero_norm(&initial, &case.name)?;
-        let evolution = ModeEvolution { case, bounds, series: &warp.series, start: &start };
-        let mut modes = [initial, evolution.run(system, communicator)?];
+        let norm_of_state = norm(&initial);
+        if norm_of_state == 0.0 {
+            return Err(Error::Input(format!(
+                "{}: the state at the start is zero or underflows: f(0), or g(p) on these points",
+                case.name
+            )));
+        }
+        let evolved = evolved_modes(case, bounds, &warp.series, &start, system, communicator)?;
+        let mut modes = [initial, evolved];
         modes[1].resize(unknowns * grid.points, Complex64::ZERO);
         modes.iter_mut().flatten().for_each(|w| *w /= norm_of_state);
-        let states = modes.each_ref().map(|modes| states_of(modes, grid.points));
+        let states = (modes.each_ref())
+            .map(|modes| modes.chunks_exact(grid.points).flat_map(transformed).collect::<Vec<_>>());
 
         let pi = &system.weights.pi[..cells];
         let reading = MeasuredField::new(&states[1], &grid, pi, norm_of_state);
@@ -248,11 +218,15 @@ impl Export {
             })
         });
         let complete = complete.transpose()?;
-        let start = &system.states[0][..rows];
-        let (preparation, refused) = preparation(profile, start, unknowns);
+        let preparation = profile.map(|profile| {
+            let mut state = system.states[0][..rows].to_vec();
+            state.resize(unknowns, 0.0);
+            qasm(&circuit::preparation(&profile, &state), None)
+        });
+        let refused = preparation.as_ref().err().cloned();
         Ok(Self {
             description: ExportDescription::new(
-                case, &registers, &grid, &reading, norm_of_state, refused,
+                case, &registers, grid, &reading, norm_of_state, refused,
             ),
             hamiltonian: hamiltonian(case, system, &grid, unknowns)?,
             transform: qasm(&circuit::transform(registers.p), None),
@@ -260,7 +234,7 @@ impl Export {
             states,
             field: reading.field,
             weights: reading.weights,
-            preparation,
+            preparation: preparation.ok(),
             complete,
         })
     }
@@ -290,11 +264,6 @@ impl Export {
         exported::write(directory, &self.description)
     }
 
-    /// The exported objects.
-    pub fn description(&self) -> &ExportDescription {
-        &self.description
-    }
-
     /// The description of the complete circuit, if there is one.
     pub fn complete(&self) -> Option<&CompleteDescription> {
         self.complete.as_ref().map(|complete| &complete.about)
@@ -305,7 +274,7 @@ impl ExportDescription {
     fn new(
         case: &Case,
         registers: &CircuitRegisters,
-        grid: &PointGrid,
+        grid: PointGrid,
         reading: &MeasuredField,
         norm_of_state: f64,
         preparation: Option<String>,
@@ -322,10 +291,7 @@ impl ExportDescription {
             qubits_label: registers.label,
             qubits: registers.total(),
             time: case.duration(),
-            lower: grid.lower,
-            period: grid.period,
-            recovery_index: grid.recovery_index,
-            recovery: grid.recovery,
+            grid,
             norm_of_state,
             norm_of_field: reading.field.iter().map(|f| f * f).sum::<f64>().sqrt(),
             probability_p: reading.in_slice,
@@ -366,73 +332,64 @@ fn profile(start: &[Complex64]) -> std::result::Result<Vec<f64>, String> {
     Ok(amplitudes)
 }
 
-/// The evolution of all modes of a case to round-off.
-struct ModeEvolution<'a> {
-    case: &'a Case,
-    bounds: &'a Bounds,
-    series: &'a Series,
-    /// Amplitudes of the modes at the start.
-    start: &'a [Complex64],
-}
-
-impl ModeEvolution<'_> {
-    /// `w̃(T)`, not normalised, of the rows of `problem`: the modes `l ≥ 0` by Chebyshev series,
-    /// the others their conjugates.
-    fn run(
-        &self,
-        problem: &mut DiscreteSystem,
-        communicator: &Communicator,
-    ) -> Result<Vec<Complex64>> {
-        let Self { case, bounds, series, start } = *self;
-        let (points, rows) = (start.len(), problem.matrix.rows());
-        let mut evolved = vec![Complex64::ZERO; rows * points];
-        let mut scratch = Vec::new();
-        let mut work = |l: usize| {
-            let interval = bounds.interval(series.wavenumber(l));
-            degree(&mut scratch, interval.half_width * case.duration(), TOLERANCE)
+/// `w̃(T)` to round-off, not normalised, of the rows of `problem`, with these amplitudes of the
+/// modes at the `start`: the modes `l ≥ 0` by Chebyshev series, the others their conjugates.
+fn evolved_modes(
+    case: &Case,
+    bounds: &Bounds,
+    series: &Series,
+    start: &[Complex64],
+    problem: &mut DiscreteSystem,
+    communicator: &Communicator,
+) -> Result<Vec<Complex64>> {
+    let (points, rows) = (start.len(), problem.matrix.rows());
+    let mut evolved = vec![Complex64::ZERO; rows * points];
+    let mut scratch = Vec::new();
+    let mut work = |l: usize| {
+        let interval = bounds.interval(series.wavenumber(l));
+        degree(&mut scratch, interval.half_width * case.duration(), TOLERANCE)
+    };
+    let modes = series.modes();
+    let works: Vec<usize> = (0..modes).map(&mut work).collect();
+    let most = works.iter().copied().max().unwrap_or(0);
+    let mut propagator = Chebyshev::new(&problem.matrix, most, most);
+    let norm = problem.norm(communicator, &problem.states[0]);
+    let initial = InitialState::real(&problem.states[0][..rows], norm);
+    let mut system = Evolution {
+        matrix: &problem.matrix,
+        exchange: &mut problem.exchange,
+        space: &communicator.space,
+        bounds,
+        time: case.duration(),
+        norm_terms: problem.norm_terms,
+        interruption: Interruption::default(),
+    };
+    for first in (0..modes).step_by(LANES) {
+        let used = LANES.min(modes - first);
+        let mode = |lane: usize| first + lane.min(used - 1);
+        let spec = BatchSpec {
+            modes: used,
+            wavenumbers: std::array::from_fn(|lane| series.wavenumber(mode(lane))),
+            tolerances: [TOLERANCE; LANES],
+            work: std::array::from_fn(|lane| works[mode(lane)]),
         };
-        let modes = series.modes();
-        let works: Vec<usize> = (0..modes).map(&mut work).collect();
-        let most = works.iter().copied().max().unwrap_or(0);
-        let mut propagator = Chebyshev::new(&problem.matrix, most, most);
-        let norm = problem.norm(communicator, &problem.states[0]);
-        let initial = InitialState::real(&problem.states[0][..rows], norm);
-        let mut system = Evolution {
-            matrix: &problem.matrix,
-            exchange: &mut problem.exchange,
-            space: &communicator.space,
-            bounds,
-            time: case.duration(),
-            norm_terms: problem.norm_terms,
-            interruption: Interruption::default(),
-        };
-        for first in (0..modes).step_by(LANES) {
-            let used = LANES.min(modes - first);
-            let mode = |lane: usize| first + lane.min(used - 1);
-            let spec = BatchSpec {
-                modes: used,
-                wavenumbers: std::array::from_fn(|lane| series.wavenumber(mode(lane))),
-                tolerances: [TOLERANCE; LANES],
-                work: std::array::from_fn(|lane| works[mode(lane)]),
-            };
-            let report = propagator.propagate(&mut system, &spec, &initial)?;
-            for lane in 0..used {
-                let l = mode(lane);
-                for (i, row) in propagator.state()[..rows].iter().enumerate() {
-                    let w = report.phases[lane] * row.lane(lane);
-                    let line = &mut evolved[i * points..(i + 1) * points];
-                    // Without the mode −N_p/2, which has no partner.
-                    if points / 2 + l < points {
-                        line[points / 2 + l] = start[points / 2 + l] * w;
-                    }
-                    if l > 0 {
-                        line[points / 2 - l] = start[points / 2 - l] * w.conj();
-                    }
+        let report = propagator.propagate(&mut system, &spec, &initial)?;
+        for lane in 0..used {
+            let l = mode(lane);
+            for (i, row) in propagator.state()[..rows].iter().enumerate() {
+                let w = report.phases[lane] * row.lane(lane);
+                let line = &mut evolved[i * points..(i + 1) * points];
+                // Without the mode −N_p/2, which has no partner.
+                if points / 2 + l < points {
+                    line[points / 2 + l] = start[points / 2 + l] * w;
+                }
+                if l > 0 {
+                    line[points / 2 - l] = start[points / 2 - l] * w.conj();
                 }
             }
         }
-        Ok(evolved)
     }
+    Ok(evolved)
 }
 
 /// `H` in Matrix Market, from its oracle; rows of empty amplitudes are zero.

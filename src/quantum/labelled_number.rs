@@ -51,7 +51,6 @@ impl Trust {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelledNumber {
     label: Trust,
-    /// The number; `None` if it is unavailable.
     #[serde(skip_serializing_if = "Option::is_none")]
     value: Option<f64>,
     /// What an estimate or a model assumes, or why there is no number.
@@ -90,11 +89,6 @@ impl LabelledNumber {
         Self { label: Trust::Unavailable, value: None, because: Some(because.to_owned()) }
     }
 
-    /// The root, with the same label.
-    pub fn root(&self) -> Self {
-        Self { value: self.value.map(f64::sqrt), ..self.clone() }
-    }
-
     /// The number `number` with this one's label and reason; unavailable where this one is.
     pub fn with(&self, number: f64) -> Self {
         Self { value: self.value.map(|_| number), ..self.clone() }
@@ -127,6 +121,11 @@ impl LabelledNumber {
     /// What an estimate or a model assumes, or why there is no number.
     pub fn because(&self) -> Option<&str> {
         self.because.as_deref()
+    }
+
+    /// Why there is no number; `None` where there is one.
+    pub fn why_not(&self) -> Option<&str> {
+        self.because().filter(|_| self.value.is_none())
     }
 
     /// The number, if there is one.

@@ -49,7 +49,6 @@ impl Symmetry {
         }
     }
 
-    /// Whether an entry is listed.
     pub(super) fn lists(self, row: usize, column: usize) -> bool {
         match self {
             Self::General => true,

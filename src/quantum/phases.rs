@@ -25,7 +25,6 @@ use crate::propagate::bessel::bessel_series;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 use std::f64::consts::TAU;
-use std::fmt;
 
 /// The largest number of steps `2K` of a sequence whose rotations are computed. They take some
 /// seconds.
@@ -42,8 +41,6 @@ pub struct Phases {
     pub tau: f64,
     /// `K`.
     pub degree: usize,
-    /// `c`.
-    pub scale: f64,
     /// `2t`: bound on the distance from `e^{−iτH}` in norm.
     pub bound: f64,
     /// `2θ_0, …, 2θ_{2K}`: angles of `ry`.
@@ -51,24 +48,14 @@ pub struct Phases {
 }
 
 /// Why no rotations are computed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoPhases {
     /// The number of steps, which is more than [`MOST_STEPS`].
+    #[error("{0} steps, {MOST_STEPS} at most")]
     TooManySteps(usize),
     /// The complementary polynomial is not found to round-off on `MOST_POINTS` points.
+    #[error("the complementary polynomial is not found to round-off on {MOST_POINTS} points")]
     NoComplement,
-}
-
-impl fmt::Display for NoPhases {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TooManySteps(steps) => write!(f, "{steps} steps, {MOST_STEPS} at most"),
-            Self::NoComplement => write!(
-                f,
-                "the complementary polynomial is not found to round-off on {MOST_POINTS} points"
-            ),
-        }
-    }
 }
 
 /// The series, cut at `K`.
@@ -174,7 +161,7 @@ impl Phases {
             }
         };
         let angles = angles(series.polynomial(), complement);
-        Ok(Self { tau, degree, scale: series.scale(), bound: 2.0 * series.rest, angles })
+        Ok(Self { tau, degree, bound: 2.0 * series.rest, angles })
     }
 
     /// `P` and `Q` at `y`: the product of all steps on the first state of the qubit.

@@ -387,10 +387,7 @@ pub fn reach(bounds: &Bounds, case: &Case) -> [f64; 2] {
 impl Probabilities {
     /// The probabilities of the window, or of the slice where there is none.
     pub fn nearest(&self) -> &PostselectionChain {
-        match self.window {
-            Some(_) => &self.in_window,
-            None => &self.at_slice,
-        }
+        if self.window.is_some() { &self.in_window } else { &self.at_slice }
     }
 
     /// Evolutions until the field is found in the window, or in the slice where there is none:
@@ -404,30 +401,8 @@ impl Probabilities {
     /// to the field, an error of the whole state is `1/√P` times as large.
     pub fn amplitude(&self) -> LabelledNumber {
         match &self.nearest().all {
-            all if all.value().is_some() => all.root(),
+            all if all.value().is_some() => all.with(all.or_zero().sqrt()),
             none => LabelledNumber::estimate(1.0, none.because().unwrap_or_default()),
-        }
-    }
-
-    /// The probabilities for the one mode of a unitary flow, which is the field: `p` is not
-    /// postselected.
-    fn of_one_mode(norm: f64, norms: StateNorms, label: &dyn Fn(f64) -> LabelledNumber) -> Self {
-        let whole = norms.field == norms.weighted && norms.auxiliary == 0.0;
-        let at_slice = PostselectionChain::new(
-            1.0,
-            &norms,
-            if whole { &LabelledNumber::exact } else { label },
-        );
-        Self {
-            points: 1,
-            recovery: 0.0,
-            norm_of_state: label(norm),
-            norms,
-            window: None,
-            window_error: None,
-            norm_of_field: label(norm * at_slice.all.or_nan().sqrt()),
-            at_slice,
-            in_window: PostselectionChain::unavailable("one mode has no register of p"),
         }
     }
 
@@ -440,47 +415,45 @@ impl Probabilities {
     ) -> Self {
         let PlannedState { ref series, point, points, state_tolerance, reach, .. } = *planned;
         let (norm, slice) = (planned.norm(&norms), planned.in_slice(&norms));
+        let without_window = |recovery: f64, at_slice: PostselectionChain, why: &str| Self {
+            points,
+            recovery,
+            norm_of_state: label(norm),
+            norms,
+            window: None,
+            window_error: None,
+            norm_of_field: match at_slice.all.value() {
+                Some(all) => label(recovery.exp() * norm * all.sqrt()),
+                None => LabelledNumber::unavailable(why),
+            },
+            at_slice,
+            in_window: PostselectionChain::unavailable(why),
+        };
         let decayed = (!slice.is_finite()).then_some("the field has decayed to zero");
         if let Some(why) = norms.no_field().or(decayed) {
-            let none = PostselectionChain::unavailable(why);
-            return Self {
-                points,
-                recovery: point,
-                norm_of_state: label(norm),
-                norms,
-                window: None,
-                window_error: None,
-                at_slice: none.clone(),
-                in_window: none,
-                norm_of_field: LabelledNumber::unavailable(why),
-            };
+            return without_window(point, PostselectionChain::unavailable(why), why);
         }
         if points == 1 {
-            return Self::of_one_mode(norm, norms, label);
+            // The one mode of a unitary flow is the field: `p` is not postselected.
+            let whole = norms.field == norms.weighted && norms.auxiliary == 0.0;
+            let label: &dyn Fn(f64) -> _ = if whole { &LabelledNumber::exact } else { label };
+            let chain = PostselectionChain::new(1.0, &norms, label);
+            return without_window(0.0, chain, "one mode has no register of p");
         }
+        let chain = PostselectionChain::new(slice, &norms, label);
+        let of_slice =
+            without_window(point, chain, "the profile is e^{-p} at the recovery point only");
         // The grid of points is taken to have one at p◇: its origin is free.
         let deviation = Deviation::new(series, point, reach);
         let limit = WINDOW * state_tolerance;
-        let found = deviation.window_end(limit).map(|end| deviation.within(end, limit));
-        let end = found.map(|[end, _]| end);
-        let in_window = end.map(|end| {
-            let slices = ((end - point) / planned.width()).floor() + 1.0;
-            PostselectionChain::new(slice * planned.in_slices(slices), &norms, label)
-        });
-        let at_slice = PostselectionChain::new(slice, &norms, label);
-        let all = at_slice.all.or_nan();
+        let Some(end) = deviation.window_end(limit) else { return of_slice };
+        let [end, error] = deviation.within(end, limit);
+        let slices = ((end - point) / planned.width()).floor() + 1.0;
         Self {
-            points,
-            recovery: point,
-            norm_of_state: label(norm),
-            norms,
-            window: end.map(|end| [point, end]),
-            window_error: found.map(|[_, error]| error / state_tolerance),
-            in_window: in_window.unwrap_or_else(|| {
-                PostselectionChain::unavailable("the profile is e^{-p} at the recovery point only")
-            }),
-            norm_of_field: label(point.exp() * norm * all.sqrt()),
-            at_slice,
+            window: Some([point, end]),
+            window_error: Some(error / state_tolerance),
+            in_window: PostselectionChain::new(slice * planned.in_slices(slices), &norms, label),
+            ..of_slice
         }
     }
 }

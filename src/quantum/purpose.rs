@@ -26,17 +26,6 @@ enum Obstacle {
     WarpedStart,
 }
 
-impl Obstacle {
-    fn is_in(self, case: &Case) -> bool {
-        match self {
-            Self::ClassicalMethod => case.method == Method::Classical,
-            Self::MeasureValued => case.is_measure_valued(),
-            Self::InflowInTime => case.varies(),
-            Self::WarpedStart => case.warped_start.is_some(),
-        }
-    }
-}
-
 impl CasePurpose {
     /// Why `case` does not serve this purpose; `None` if it does.
     pub fn why_not(self, case: &Case) -> Option<String> {
@@ -56,7 +45,6 @@ impl CasePurpose {
         Err(Error::Input(format!("{place}: {}", self.sentence(obstacle, case))))
     }
 
-    /// The first obstacle in `case`.
     fn obstacle(self, case: &Case) -> Option<Obstacle> {
         use Obstacle::{ClassicalMethod, InflowInTime, MeasureValued, WarpedStart};
         let obstacles: &[Obstacle] = match self {
@@ -65,10 +53,15 @@ impl CasePurpose {
             Self::Matrices => &[InflowInTime, WarpedStart],
             Self::Readout => &[MeasureValued, ClassicalMethod, InflowInTime],
         };
-        obstacles.iter().copied().find(|obstacle| obstacle.is_in(case))
+        let is_there = |obstacle: &Obstacle| match obstacle {
+            ClassicalMethod => case.method == Method::Classical,
+            MeasureValued => case.is_measure_valued(),
+            InflowInTime => case.varies(),
+            WarpedStart => case.warped_start.is_some(),
+        };
+        obstacles.iter().copied().find(is_there)
     }
 
-    /// The sentence on `obstacle` of `case`.
     fn sentence(self, obstacle: Obstacle, case: &Case) -> String {
         let words = match (obstacle, self) {
             (Obstacle::ClassicalMethod, Self::Readout) => {

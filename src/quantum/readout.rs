@@ -45,7 +45,7 @@ pub mod random;
 pub mod reader;
 pub mod row;
 
-use crate::base::text::counted;
+use crate::base::text::{counted, on_one_line};
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Data};
@@ -98,7 +98,6 @@ impl Readout {
         let rows = cells.iter().flat_map(|cell| {
             Observable::all(case.space.dimension()).into_iter().map(move |observable| ReadoutRow {
                 value: none(),
-                measured: Vec::new(),
                 ..ReadoutRow::at(&case.space, cell, observable)
             })
         });
@@ -157,8 +156,7 @@ pub const MEASURE_VALUED: &str = "f = phi delta(psi) is not a vector of amplitud
 pub fn smooth_delta(case: &Case) -> Option<String> {
     const CELLS: f64 = 2.0 / 3.0;
     let Data::Measure { density, velocity } = &case.data else { return None };
-    let one_line =
-        |formula: &Expression| formula.text().split_whitespace().collect::<Vec<_>>().join(" ");
+    let one_line = |formula: &Expression| on_one_line(formula.text());
     let names = axis_names(case.space.dimension());
     let names = &names[case.space.dimension()..];
     let mut f = format!("({})", one_line(density));

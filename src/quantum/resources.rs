@@ -23,16 +23,15 @@ use crate::base::error::Result;
 use crate::problem::case::{Case, Delta, Interface, ProfileChoice};
 use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::amplification::AmplifiedRegisters;
-use crate::quantum::circuit::gates::{Circuit, RegisterRole};
 use crate::quantum::circuit::transport::bits_of;
 use crate::quantum::cost::{Accesses, Cost, EvolutionRequirements, JumpRounding, ModeWeightsCost};
+use crate::quantum::export::circuit::transform;
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedMeasurement, PlannedState, Probabilities};
 use crate::quantum::readout::{MEASURE_VALUED, smooth_delta};
 use crate::quantum::resources::regime::{Regime, gates_factor};
 use crate::quantum::resources::settings::SetUpSettings;
-use crate::quantum::sparsity;
-use crate::quantum::sparsity::Sparsity;
+use crate::quantum::sparsity::{self, Sparsity};
 use crate::quantum::synthesis::{RotationSynthesis, T_OF_TOFFOLI_STATE};
 use crate::quantum::walk::{
     OracleQueries, ROTATIONS_PART, ROUNDING_PART, SERIES_PART, WalkCost, WalkRegisters,
@@ -180,9 +179,9 @@ impl AccessCosts {
         evolutions: &[LabelledNumber; 2],
     ) -> Self {
         Self {
-            t_of_rotation: accesses.synthesis(),
+            t_of_rotation: accesses.synthesis,
             costs: accesses.costs(requirements, evolutions),
-            no_circuit: accesses.no_circuit().map(str::to_owned),
+            no_circuit: accesses.circuit.as_ref().err().cloned(),
             rounding: accesses.rounding(),
         }
     }
@@ -271,7 +270,6 @@ pub struct UnitaryCosts {
     pub caveats: &'static str,
 }
 
-/// The properties of the unitary scheme.
 const CAVEATS: &str = "the unitary scheme is dispersive: waves that the grid does not resolve are \
                        not damped, and what reaches an end of the box comes back as such waves. \
                        Its error differs: `--accuracy` compares at equal error of the density";
@@ -372,39 +370,49 @@ impl ResourceCounts {
         let sparsity = sparsity::measure(case, &system.matrix, &communicator.space)?;
         let state = state.in_register();
         let measurement = state.measurement(norms, case.tolerance);
-        let walk = PlannedWalk::new(prepared, &accesses, &sparsity, &measurement);
         let PlannedMeasurement { probabilities, requirements } = measurement;
+        let largest_entry = accesses.entries.largest(requirements.highest);
+        let nonzeros = sparsity.of_hamiltonian() as f64;
+        let tau = LabelledNumber::exact(nonzeros * largest_entry * case.duration());
+        let evolution = WalkCost::new(&tau, &requirements.tolerance);
+        let (points, bits) = (requirements.points, evolution.bits.or_zero());
+        let unknowns = system.norm_terms - case.space.space_cells() + case.space.cells();
+        let qubits = RegisterSizes::new(case, unknowns, points, bits);
+        let queries = OracleQueries::new(&evolution, &probabilities.evolutions());
         let by_access = AccessCosts::new(&accesses, &requirements, &probabilities.evolutions());
         let operations = sparsity.entries as f64 * (bounds.rate * case.duration()).ceil().max(1.0);
-        let others = walk.qubits.total - walk.qubits.p;
+        let least = Cost::least_of(&by_access.costs).expect("sparse access has a cost");
+        let around = GatesAround::new(least, &probabilities, qubits.total - qubits.p);
+        let of_state = state.field_tolerance / case.tolerance;
+        let table = || WeightsTable::new(case, &queries, system.weights.sweeps, &sparsity);
         Ok(Self {
-            weights_table: walk.weights_table(prepared, &sparsity),
-            error_budget: walk.error_budget(&state, case.tolerance, &probabilities),
+            weights_table: bounds.weighted.then(table),
+            error_budget: ErrorBudget::new(points, of_state, probabilities.window_error),
             title: case.title.clone(),
             shape: case.space.shape(),
-            unknowns: walk.unknowns,
+            unknowns,
             time: case.duration(),
             tolerance: case.tolerance,
             interface: case.interface,
             weighted: bounds.weighted,
             setup: CountSetup::new(case, state),
-            points: walk.points,
+            points,
             period: requirements.period,
             walk_tolerance: requirements.tolerance,
-            nonzeros: LabelledNumber::exact(walk.nonzeros),
-            largest_entry: LabelledNumber::exact(walk.largest_entry),
-            tau: walk.tau,
-            gates_factor: walk.qubits.gates_factor(walk.evolution.bits.or_zero()),
-            degree: walk.evolution.degree,
-            walk_steps: walk.evolution.steps,
-            value_bits: walk.evolution.bits,
-            transform_gates: walk.qubits.transform_gates(),
+            nonzeros: LabelledNumber::exact(nonzeros),
+            largest_entry: LabelledNumber::exact(largest_entry),
+            tau,
+            gates_factor: qubits.gates_factor(bits),
+            degree: evolution.degree,
+            walk_steps: evolution.steps,
+            value_bits: evolution.bits,
+            transform_gates: qubits.transform_gates(),
             mode_weights: ModeWeightsCost::of(&by_access.costs),
-            around: GatesAround::new(&by_access.costs, &probabilities, others),
+            around,
             by_access,
-            qubits: walk.qubits,
+            qubits,
             classical_operations: LabelledNumber::exact(operations),
-            queries: walk.queries,
+            queries,
             probabilities,
             measure_valued: smooth_delta(case).map(|keys| format!("{MEASURE_VALUED}: {keys}")),
             regimes: [1.0, 0.5].map(|order| Regime::new(case, &sparsity, order)).to_vec(),
@@ -413,80 +421,17 @@ impl ResourceCounts {
     }
 }
 
-/// The walk of the evolution of a case, with the registers and the queries that it takes.
-struct PlannedWalk {
-    /// `d`.
-    nonzeros: f64,
-    /// `‖H‖_max`.
-    largest_entry: f64,
-    tau: LabelledNumber,
-    evolution: WalkCost,
-    points: usize,
-    unknowns: usize,
-    qubits: RegisterSizes,
-    queries: OracleQueries,
-}
-
-impl PlannedWalk {
-    fn new(
-        prepared: &Prepared,
-        accesses: &Accesses,
-        sparsity: &Sparsity,
-        measurement: &PlannedMeasurement,
-    ) -> Self {
-        let (case, system) = (&prepared.case, &prepared.system);
-        let PlannedMeasurement { probabilities, requirements } = measurement;
-        let largest_entry = accesses.largest_entry(requirements.highest);
-        let nonzeros = sparsity.of_hamiltonian() as f64;
-        let tau = LabelledNumber::exact(nonzeros * largest_entry * case.duration());
-        let evolution = WalkCost::new(&tau, &requirements.tolerance);
-        let (points, bits) = (requirements.points, evolution.bits.or_zero());
-        let unknowns = system.norm_terms - case.space.space_cells() + case.space.cells();
-        let qubits = RegisterSizes::new(case, unknowns, points, bits);
-        let queries = OracleQueries::new(&evolution, &probabilities.evolutions());
-        Self { nonzeros, largest_entry, tau, evolution, points, unknowns, qubits, queries }
-    }
-
-    fn weights_table(&self, prepared: &Prepared, sparsity: &Sparsity) -> Option<WeightsTable> {
-        prepared.bounds.weighted.then(|| {
-            let (cells, each) = (prepared.case.space.cells(), &self.queries.value_queries);
-            WeightsTable::new(cells, each, prepared.system.weights.sweeps, sparsity)
-        })
-    }
-
-    fn error_budget(
-        &self,
-        state: &PlannedState,
-        tolerance: f64,
-        probabilities: &Probabilities,
-    ) -> ErrorBudget {
-        let of_state = state.field_tolerance / tolerance;
-        ErrorBudget::new(self.points, of_state, probabilities.window_error)
-    }
-}
-
 impl GatesAround {
-    /// The gates around the evolutions of the least of `costs`. `system` is the number of qubits
-    /// that number the unknowns.
-    fn new(costs: &[Cost], probabilities: &Probabilities, system: usize) -> Self {
-        let none = || LabelledNumber::unavailable("no access has a cost");
-        let Some(cost) = Cost::least_of(costs) else {
-            return Self {
-                toffoli_of_reflections: none(),
-                rotations_of_transforms: none(),
-                part: none(),
-            };
-        };
+    /// The gates around the evolutions of this `cost`. `system` is the number of qubits that number
+    /// the unknowns.
+    fn new(cost: &Cost, probabilities: &Probabilities, system: usize) -> Self {
         let Probabilities { points, window, .. } = *probabilities;
         let warped = bits_of(points);
         let registers = AmplifiedRegisters { warped, system, block: cost.block_qubits };
         // The count depends on bits only: any window of the register.
         let end = if window.is_some() { points } else { points / 2 + 1 };
         let reflections = registers.round([points / 2, end]).counts();
-        let mut transform = Circuit::default();
-        let register = transform.register("warped", warped, RegisterRole::System);
-        transform.fourier(&register);
-        let rotations = 2 * transform.counts().rotations;
+        let rotations = 2 * transform(warped).counts().rotations;
         let toffoli = LabelledNumber::emitted(reflections.toffoli as f64);
         let rotations = LabelledNumber::emitted(rotations as f64);
         let chain = probabilities.nearest();
@@ -504,15 +449,15 @@ impl GatesAround {
 }
 
 impl WeightsTable {
-    /// A table of `entries` weights, read in every one of the `queries`.
-    fn new(entries: usize, queries: &LabelledNumber, sweeps: usize, sparsity: &Sparsity) -> Self {
+    /// The table of a case, read in every one of the value queries.
+    fn new(case: &Case, queries: &OracleQueries, sweeps: usize, sparsity: &Sparsity) -> Self {
         const WHY: &str = "two reads of N - 1 Toffoli gates; a table in fewer takes more qubits";
-        let each = 2.0 * (entries as f64 - 1.0);
-        let all = queries.times(&LabelledNumber::model(each, WHY));
+        let entries = case.space.cells();
+        let each = LabelledNumber::model(2.0 * (entries as f64 - 1.0), WHY);
         Self {
             entries,
-            toffolis_a_value_query: LabelledNumber::model(each, WHY),
-            toffolis: all,
+            toffolis: queries.value_queries.times(&each),
+            toffolis_a_value_query: each,
             sweeps,
             classical_operations: LabelledNumber::exact(sweeps as f64 * sparsity.entries as f64),
         }

@@ -295,7 +295,6 @@ impl CountsReport<'_> {
         LargestCount { most, unknown, bound, holds: bound.is_none_or(|b| most <= b) }
     }
 
-    /// The unknown with this global number.
     fn describe(&self, unknown: usize) -> String {
         let space = &self.case.space;
         let all = space.cells();

@@ -27,7 +27,6 @@ const FACTORIES: f64 = 4.0;
 const CYCLES: f64 = 5.5;
 /// Seconds of a cycle.
 const CYCLE: f64 = 1e-6;
-/// The largest code distance that is considered.
 const MOST_DISTANCE: u32 = 101;
 
 /// The least code distance for `qubits` logical qubits and `toffoli` Toffoli gates; `None` above

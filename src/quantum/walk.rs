@@ -95,7 +95,7 @@ impl WalkCost {
 
     /// Calls of an oracle that a step calls `each` times.
     pub fn calls(&self, each: f64) -> LabelledNumber {
-        self.steps.value().map_or(self.steps.clone(), |steps| self.steps.with(each * steps))
+        self.steps.with(each * self.steps.or_zero())
     }
 }
 

@@ -168,7 +168,7 @@ impl Outline {
     pub fn new(case: &Case, bounds: &Bounds, ratio: f64) -> Result<Self> {
         if takes_one_mode(case, bounds) {
             let profile = Constant::default();
-            let period = profile.series().period;
+            let period = profile.series.period;
             return Ok(Self { profile: profile.into(), point: 0.0, period, modes: 1.0 });
         }
         let PlannedProfile { profile, window, .. } =
@@ -194,7 +194,7 @@ pub(crate) fn takes_one_mode(case: &Case, bounds: &Bounds) -> bool {
 /// the first.
 fn one_mode() -> Placement {
     let profile = Constant::default();
-    let series = profile.series().clone();
+    let series = profile.series.clone();
     Placement {
         interval: [-0.5 * series.period, 0.5 * series.period],
         series,
@@ -264,16 +264,10 @@ fn transformed(
     window: &Window,
 ) -> Result<(Series, [f64; 2])> {
     let warp = &case.warp;
-    let interval = match warp.interval {
-        Some(interval) => interval,
-        None => requirements.ends(shape, window),
-    };
+    let interval = warp.interval.unwrap_or_else(|| requirements.ends(shape, window));
     let fixed = warp.interval.is_some() || requirements.sampled;
     let period = if fixed { interval[1] - interval[0] } else { window.period };
-    let modes = match warp.points {
-        Some(points) => (points / 2 + 1) as f64,
-        None => window.modes(period),
-    };
+    let modes = warp.points.map_or(window.modes(period), |points| (points / 2 + 1) as f64);
     if modes > MOST_MODES as f64 {
         return Err(too_many_modes(case, profile.to_string(), modes));
     }
@@ -536,7 +530,6 @@ fn most_alike(
     }
 }
 
-/// The readings moved by `distance`.
 fn moved(mut readings: Vec<Reading>, distance: f64) -> Vec<Reading> {
     readings.iter_mut().for_each(|r| r.point += distance);
     readings

@@ -88,6 +88,11 @@ profiles! {
     Constant,
 }
 
+/// A profile of one kind, if there is one, as a [`Profile`].
+fn any_kind<P: Into<Profile>>(found: Option<PlacedProfile<P>>) -> Option<PlacedProfile<Profile>> {
+    found.map(|PlacedProfile { profile, window }| PlacedProfile { profile: profile.into(), window })
+}
+
 impl Profile {
     /// The profile of `choice` that meets `requirements` at least cost, and its window; `None` if
     /// there is none.
@@ -102,24 +107,14 @@ impl Profile {
                 let work = |w: &Window| requirements.work(w.period, w.modes(w.period) as usize);
                 found.min_by(|a, b| work(&a.window).total_cmp(&work(&b.window)))
             }
-            ProfileChoice::Designed => {
-                Designed::meeting(requirements).map(PlacedProfile::converted)
-            }
-            ProfileChoice::Gaussian { sigma } => {
-                Gaussian::meeting(*sigma, requirements).map(PlacedProfile::converted)
-            }
+            ProfileChoice::Designed => any_kind(Designed::meeting(requirements)),
+            ProfileChoice::Gaussian { sigma } => any_kind(Gaussian::meeting(*sigma, requirements)),
             ProfileChoice::Exponential { alpha } => {
-                Exponential::meeting(alpha, requirements).map(PlacedProfile::converted)
+                any_kind(Exponential::meeting(alpha, requirements))
             }
-            ProfileChoice::Smooth { order } => {
-                Smooth::meeting(*order, requirements).map(PlacedProfile::converted)
-            }
-            ProfileChoice::LowSomma { c } => {
-                LowSomma::meeting(*c, requirements).map(PlacedProfile::converted)
-            }
-            ProfileChoice::Acl { beta } => {
-                Acl::meeting(*beta, requirements).map(PlacedProfile::converted)
-            }
+            ProfileChoice::Smooth { order } => any_kind(Smooth::meeting(*order, requirements)),
+            ProfileChoice::LowSomma { c } => any_kind(LowSomma::meeting(*c, requirements)),
+            ProfileChoice::Acl { beta } => any_kind(Acl::meeting(*beta, requirements)),
         }
     }
 

@@ -7,14 +7,13 @@ use crate::matrix::lanes::LANES;
 use crate::problem::case::{Case, Propagation, Reductions};
 use crate::problem::grid::PhaseSpace;
 use crate::problem::legs::Leg;
-use crate::propagate;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::method::BatchCoupling;
-use crate::propagate::{PropagationSpan, descriptor};
+use crate::propagate::{self, PropagationSpan, descriptor};
 use crate::schrodingerization::placement::plan_placement;
-use crate::schrodingerization::profile::Profile;
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::profile::shape::EstimatorQuality;
+use crate::schrodingerization::profile::{Profile, ProfileForm};
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -111,9 +110,11 @@ impl WarpPlan {
         self.profile.as_ref()?.estimate_doubt(&quality)
     }
 
-    /// Whether `solver.warp.points` can be given; a file of the warped field has its own `N_p`.
+    /// Whether `solver.warp.points` can be given; a file of the warped field has its own `N_p`, and
+    /// so has a series, as it is no function on the whole line.
     pub fn takes_points(&self) -> bool {
-        self.profile.as_ref().is_some_and(|profile| profile.takes_points())
+        let is_function = |profile: &Profile| matches!(profile.form(), ProfileForm::Transform(_));
+        self.profile.as_ref().is_some_and(is_function)
     }
 
     /// Plans profile, modes and degrees for growth bound `bounds.growth`.
@@ -132,7 +133,8 @@ impl WarpPlan {
             // A mode and its conjugate share the allowed error, so that the tolerance of a mode
             // does not depend on whether its conjugate is propagated.
             Some(_) => {
-                let share = |l| modes.undivided().weight(modes.source(l).number, reading).norm();
+                let own = PropagatedModes { count: series.modes(), series };
+                let share = |l| own.weight(modes.source(l).number, reading).norm();
                 (0..modes.count)
                     .map(|l| mode_tolerance(of_modes, series.modes(), share(l)))
                     .collect()
@@ -225,7 +227,6 @@ impl WarpPlan {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn forecast(case: &Case, bounds: &Bounds, ratio: f64) -> Result<f64> {
-        /// The approximate number of sampled modes.
         const SAMPLE: usize = 64;
         let placement = plan_placement(case, bounds, ratio)?;
         let modes = PropagatedModes::of(&case.reductions, &placement.series);
@@ -256,7 +257,6 @@ impl WarpPlan {
         checksum::run_checksum(0, counts.map(|count| count as u64).chain(bits))
     }
 
-    /// The modes that are propagated.
     fn propagated(&self) -> PropagatedModes<'_> {
         PropagatedModes { series: &self.series, count: self.modes }
     }
@@ -331,7 +331,6 @@ fn cost_of_passing(space: &PhaseSpace, times: usize) -> f64 {
     READING + ADDING * each * times as f64
 }
 
-/// The work of each mode, leg by leg.
 fn leg_work(
     propagator: &Propagation,
     bounds: &Bounds,
@@ -415,11 +414,6 @@ impl<'a> PropagatedModes<'a> {
         };
         let count = own + conjugates;
         Self { series, count }
-    }
-
-    /// The series' own modes, without their conjugates.
-    fn undivided(&self) -> Self {
-        Self { count: self.series.modes(), ..*self }
     }
 
     /// The mode of the series that gives the `l`-th.

@@ -65,8 +65,8 @@ pub(super) fn add_batch(
         let report = propagated(system, propagator, &spec, &start, moments, on_the_way)?;
         lanes.advance(leg, &report);
         let (cells, state) = (system.matrix.block.cells(), propagator.state());
-        let (ratio, found) = lanes.norms_kept(system, state, &spec, batch, report.unitary)?;
-        statistics.norms(ratio, found);
+        let [kept, defect] = lanes.norms_kept(system, state, &spec, batch, report.unitary)?;
+        statistics.norms(kept, defect);
         statistics.took(&report);
         for sum in at_end {
             sum.add(&weights(warp, batch, &sum.reading, &lanes.phases), &state[..cells]);
@@ -75,7 +75,7 @@ pub(super) fn add_batch(
             between.copy_from_slice(&state[..between.len()]);
             continue;
         }
-        add_step_error(task, system, propagator, stage, &LaneEnds { batch, spec, lanes: &lanes });
+        add_step_error(task, system, propagator, stage, batch, &spec, &lanes);
     }
     if let Some(keeping) = keeping {
         lanes.store(keeping.kept, batch, stage.legs.end, propagator.state());
@@ -103,7 +103,6 @@ fn propagated(
     Ok(report)
 }
 
-/// Progress of the lanes of a batch.
 struct LaneProgress {
     /// The factor of each lane.
     phases: [Complex64; LANES],
@@ -150,7 +149,7 @@ impl LaneProgress {
         kept.store(&batch.modes, &progress, state);
     }
 
-    /// Smallest ratio of a lane's norm to its norm at time zero, infinite where that was zero; and,
+    /// Smallest ratio of a lane's norm to its norm at time zero, `None` where that was zero; and,
     /// where the method is `unitary`, the largest change as a fraction of the allowed one.
     /// Collective over the space group.
     ///
@@ -163,7 +162,7 @@ impl LaneProgress {
         spec: &BatchSpec,
         batch: &Batch,
         unitary: bool,
-    ) -> Result<(f64, Option<f64>)> {
+    ) -> Result<[Option<f64>; 2]> {
         let Self { norms, allowed, .. } = self;
         let now = system.lane_norms(&norms.map(|norm| norm * norm), state);
         let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
@@ -187,28 +186,22 @@ impl LaneProgress {
             }
             defect = defect.max(change / allowed[l]);
         }
-        Ok((kept, unitary.then_some(defect)))
+        Ok([Some(kept).filter(|kept| kept.is_finite()), unitary.then_some(defect)])
     }
 }
 
-/// The lanes of a batch at the end of its last leg.
-struct LaneEnds<'a> {
-    batch: &'a Batch,
-    spec: BatchSpec,
-    lanes: &'a LaneProgress,
-}
-
-/// Adds the leading term of the time-step error, if the method has one and the stage goes to the
-/// end. Collective over the space group.
+/// Adds the leading term of the time-step error of a batch, if the method has one and the stage
+/// goes to the end. Collective over the space group.
 fn add_step_error(
     task: &Task<'_>,
     system: &mut Evolution<'_>,
     propagator: &dyn Propagator,
     stage: &mut Stage<'_>,
-    ends: &LaneEnds<'_>,
+    batch: &Batch,
+    spec: &BatchSpec,
+    LaneProgress { phases, norms, .. }: &LaneProgress,
 ) {
     let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) else { return };
-    let LaneEnds { batch, spec, lanes: LaneProgress { phases, norms, .. } } = ends;
     let whole = whole_over_leg(task.legs, task.legs.len() - 1);
     let steps = spec.largest_work();
     let bound =

@@ -22,7 +22,6 @@ pub(crate) const WITHOUT_EFFECT: [&str; 10] = [
 pub struct Fingerprint {
     /// Version and commit of the program.
     pub(crate) program: String,
-    /// The settings of the case, by key.
     pub(crate) settings: BTreeMap<String, String>,
     /// The warped field from which it starts, if any.
     pub(crate) start: Option<WarpedFieldKey>,

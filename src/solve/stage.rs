@@ -77,11 +77,9 @@ pub struct FullRunModes<'a> {
 
 /// The finished part of a stage.
 pub(crate) struct StageBatches<'a> {
-    /// Number of the stage.
     pub(crate) stage: usize,
     /// The modes of this rank that are finished.
     pub(crate) finished: &'a [usize],
-    /// The counters so far.
     pub(crate) statistics: &'a BatchStatistics,
 }
 

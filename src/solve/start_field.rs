@@ -38,7 +38,6 @@ pub fn read(
 
 /// A rank's part of the dataset `/f`.
 struct StoredPart {
-    /// The shape of `/f`.
     shape: Vec<usize>,
     /// Cells of the rank's block along each axis.
     wanted: Vec<Range<usize>>,

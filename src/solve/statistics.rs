@@ -18,12 +18,6 @@ pub struct BatchStatistics {
 }
 
 impl BatchStatistics {
-    /// Adds the smallest ratio of norms of a batch, infinite if there is none, and the largest
-    /// defect.
-    pub(crate) fn norms(&mut self, ratio: f64, defect: Option<f64>) {
-        self.join(Some(ratio).filter(|r| r.is_finite()), defect);
-    }
-
     /// Adds the work of a batch.
     pub(crate) fn took(&mut self, report: &BatchReport) {
         self.applications += report.applications;
@@ -32,12 +26,13 @@ impl BatchStatistics {
 
     /// Adds the statistics of another group.
     pub fn add(&mut self, other: &Self) {
-        self.join(other.kept, other.defect);
+        self.norms(other.kept, other.defect);
         self.applications += other.applications;
         self.solves += other.solves;
     }
 
-    fn join(&mut self, kept: Option<f64>, defect: Option<f64>) {
+    /// Adds the smallest ratio of norms and the largest defect of a batch.
+    pub(crate) fn norms(&mut self, kept: Option<f64>, defect: Option<f64>) {
         self.kept = self.kept.into_iter().chain(kept).reduce(f64::min);
         self.defect = self.defect.into_iter().chain(defect).reduce(f64::max);
     }

@@ -124,11 +124,8 @@ impl<'a> ModeSum<'a> {
             modes.sum_integers_to(group, &mut self.parts[numbers(range)]);
         }
         let parts = self.parts[numbers(&shares[modes.rank()])].chunks_exact(2);
-        let fixed = |k: usize| match self.moments {
-            None => &self.fixed[0],
-            Some(_) => &self.fixed[k % MOMENTS],
-        };
-        parts.enumerate().map(|(k, p)| fixed(k).join([p[0], p[1]])).collect()
+        // Of a field all are the same.
+        parts.enumerate().map(|(k, p)| self.fixed[k % MOMENTS].join([p[0], p[1]])).collect()
     }
 }
 

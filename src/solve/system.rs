@@ -6,23 +6,15 @@ use crate::matrix::bounds::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
 use crate::matrix::sampling::{SampledCells, sample};
 use crate::matrix::weights::{WeightGoal, Weights};
 use crate::parallel::communicator::{Communicator, GhostExchange, Group};
-use crate::problem::case::{Case, Integrator, LiouvilleField, Method};
+use crate::problem::case::{Case, LiouvilleField, Method};
 use crate::problem::grid::PhaseSpace;
-use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
-use crate::propagate::time_dependent_inflow;
-use crate::propagate::time_dependent_inflow::{Schedule, TIME_SHARE, WeightedField};
+use crate::propagate::time_dependent_inflow::{self, Schedule, WeightedField};
 use crate::solve::rank_cells::RankCells;
 use crate::solve::start_field;
 use num_complex::Complex64;
 use serde::Serialize;
 use std::ops::Range;
 use std::time::Instant;
-
-/// Margin for the error of the probe.
-const PROBE_SAFETY: f64 = 1.01;
-
-/// The left half of a disc of this radius lies in the stability region of SSP-RK3.
-const RUNGE_KUTTA_RADIUS: f64 = 1.7;
 
 /// The discrete problem on this rank: matrix in weighted unknowns, weights, initial state.
 pub struct DiscreteSystem {
@@ -307,92 +299,6 @@ impl DiscreteSystem {
     pub fn own_field(&self, range: &Range<usize>, state: &[f64]) -> Vec<f64> {
         self.unweighted(range, state[range.clone()].to_vec())
     }
-
-    /// The ratio that [`probe`](Self::probe) gives, and the norms of the first field at the end,
-    /// after `time`. Collective.
-    pub fn rough_solution(
-        &mut self,
-        communicator: &Communicator,
-        bounds: &Bounds,
-        legs: &[f64],
-        time: f64,
-    ) -> RoughSolution {
-        let Probe { ratio, last } = self.probe(communicator, bounds, legs);
-        // In several legs round-off is another, and a mode group has not the fields of others.
-        let is_whole = legs.len() == 1 && communicator.modes.size() == 1;
-        let state = last.filter(|_| is_whole).unwrap_or_else(|| {
-            let mut state = self.states[0].clone();
-            propagate_roughly(&self.matrix, &mut self.exchange, bounds, time, &mut state);
-            state
-        });
-        RoughSolution { ratio, norms: self.norms_at(communicator, &state) }
-    }
-
-    /// Propagates the fields roughly over `legs`; with a varying inflow nothing is propagated. The
-    /// mode groups share the fields. Collective.
-    pub fn probe(&mut self, communicator: &Communicator, bounds: &Bounds, legs: &[f64]) -> Probe {
-        let (mut largest, mut last) = (1.0f64, None);
-        if let Some(schedule) = &self.schedule {
-            // The pilot has run to the end; the rest of the tolerance is the profile's.
-            let start = self.norm(communicator, &self.states[0]);
-            let ratio = if start == 0.0 { 1.0 } else { PROBE_SAFETY * start / schedule.norm };
-            return Probe { ratio: ratio.max(1.0) / (1.0 - TIME_SHARE), last };
-        }
-        let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
-        for (field, start) in self.states.iter().enumerate().skip(group).step_by(groups) {
-            let mut state = start.clone();
-            let start = self.norm(communicator, start);
-            for &time in legs {
-                propagate_roughly(&self.matrix, &mut self.exchange, bounds, time, &mut state);
-                let now = self.field_norm(communicator, &state);
-                if start != 0.0 {
-                    largest = largest.max(PROBE_SAFETY * start / now);
-                }
-            }
-            if field == 0 {
-                last = Some(state);
-            }
-        }
-        Probe { ratio: communicator.modes.max(largest), last }
-    }
-
-    /// The norms of the first field, which is `state` at the end. Collective.
-    fn norms_at(&self, communicator: &Communicator, state: &[f64]) -> StateNorms {
-        let start = self.norm(communicator, &self.states[0]);
-        let [weighted, auxiliary] = self.norms_of_parts(communicator, state);
-        StateNorms { start, weighted, auxiliary, field: self.field_norm(communicator, state) }
-    }
-}
-
-/// `state ← exp(A time) state`, to about three digits of its norm: one real vector. Collective over
-/// the space group.
-///
-/// Degree 0: by the exponential, in little more than `rate·time` applications. Higher degrees: by
-/// SSP-RK3, as the exponential would take three times as many applications. SSP-RK3 is stable if
-/// the numerical range lies in its stability region, and it damps components that it does not
-/// resolve.
-fn propagate_roughly(
-    matrix: &BlockMatrix,
-    exchange: &mut GhostExchange,
-    bounds: &Bounds,
-    time: f64,
-    state: &mut [f64],
-) {
-    let mut classical = Classical::new(matrix);
-    if matrix.by_elements {
-        let steps = (bounds.radius() * time / RUNGE_KUTTA_RADIUS).ceil().max(1.0) as usize;
-        classical.steps(exchange, state, Integrator::SspRk3, time, steps);
-    } else {
-        classical.exponential(exchange, state, ClassicalSpan { rate: bounds.rate, time }, ROUGH);
-    }
-}
-
-/// What a rough propagation of the fields shows.
-pub struct Probe {
-    /// Largest `‖ũ(0)‖/‖f(t)‖` of the fields over the ends `t` of the legs, with a margin.
-    pub ratio: f64,
-    /// The first field at the end, on ranks of the mode group that propagates it.
-    last: Option<Vec<f64>>,
 }
 
 /// Norms of a solution that are computed before modes are planned, to about three digits.

@@ -8,7 +8,7 @@ use crate::problem::case::{Case, Interface};
 use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
 use crate::quantum::circuit::transport::{
-    AxisTransport, CaseTransport, Force, PotentialJump, RotationTable, bits_of,
+    AxisTransport, CaseTransport, Force, PotentialJump, bits_of,
 };
 use crate::scheme::interface::{Side, sources, velocity};
 use std::collections::{BTreeMap, HashMap};
@@ -192,7 +192,6 @@ impl CircuitCase {
         })
     }
 
-    /// The transport along axis `a`.
     fn add_axis(&mut self, case: &Case, a: usize, faces: &[JumpFaces]) {
         let (space, bin_bits) = (&case.space, self.transport.bin_bits);
         let (x, v) = (&space.x[a], &space.v[a]);
@@ -226,7 +225,6 @@ impl CircuitCase {
     }
 }
 
-/// The forces of a case.
 fn forces(case: &Case, potential: &Potential) -> Result<Vec<Force>> {
     let (space, n) = (&case.space, case.space.dimension());
     // Of all axes.
@@ -238,8 +236,8 @@ fn forces(case: &Case, potential: &Potential) -> Result<Vec<Force>> {
             let speed = -potential.slopes(i)[axis] / space.v[axis].width();
             speeds[number_of_others(&case.space, n, i)] = Some(speed);
         });
-        let table = RotationTable { name: &case.name, axis, bits: places.bits, speeds };
-        found.extend(Force::new(&table, |wanted, free| boxes(wanted, free, places.bits))?);
+        let boxes = |wanted: &[usize], free: &[usize]| boxes(wanted, free, places.bits);
+        found.extend(Force::new(&case.name, axis, &speeds, boxes)?);
     }
     Ok(found)
 }

@@ -31,7 +31,8 @@ impl SparseAccessCost {
     pub fn new(nonzeros: usize, largest_entry: f64, time: f64, tolerance: f64) -> Self {
         let alpha = nonzeros as f64 * largest_entry;
         let tau = alpha * time;
-        Self { nonzeros, largest_entry, alpha, tau, steps: steps_of(tau, tolerance) }
+        let steps = walk_of(tau, tolerance).steps.or_zero() as usize;
+        Self { nonzeros, largest_entry, alpha, tau, steps }
     }
 }
 
@@ -140,11 +141,6 @@ impl EvolutionDescription {
             qubits: count(&all.qubits),
         }
     }
-}
-
-/// The number of steps `2K` for `τ`, within `tolerance`.
-pub fn steps_of(tau: f64, tolerance: f64) -> usize {
-    walk_of(tau, tolerance).steps.or_zero() as usize
 }
 
 /// The cost of an evolution for `τ`, within `tolerance`.

@@ -16,7 +16,6 @@ use crate::quantum::phases::Phases;
 pub struct Walk {
     /// The controlled block encoding.
     pub(super) call: Vec<Gate>,
-    /// Qubits of the block.
     block: Vec<Qubit>,
     /// The qubit of the sequence, which controls the block encoding.
     pub control: Qubit,

@@ -82,7 +82,7 @@ mod tests {
     use super::*;
     use crate::quantum::circuit::simulate::{SparseState, block_column};
     use crate::quantum::circuit::transport::{
-        AxisTransport, CaseTransport, CircuitModes, Levels, RotationTable, bits_of,
+        AxisTransport, CaseTransport, CircuitModes, Levels, bits_of,
     };
     use num_complex::Complex64;
     use std::collections::HashMap;
@@ -111,10 +111,10 @@ mod tests {
         fn transport(&self) -> CaseTransport {
             let cells = self.d.len();
             let bits = bits_of(cells);
-            let speeds = (0..1 << bits).map(|i| self.d.get(i).copied()).collect();
-            let table = RotationTable { name: "ring", axis: 0, bits, speeds };
+            let speeds: Vec<_> = (0..1 << bits).map(|i| self.d.get(i).copied()).collect();
             let one = |place: &usize| (0..bits).map(|bit| (bit, place >> bit & 1 == 1)).collect();
-            let force = Force::new(&table, |wanted, _| wanted.iter().map(one).collect());
+            let force =
+                Force::new("ring", 0, &speeds, |wanted, _| wanted.iter().map(one).collect());
             let axis = AxisTransport {
                 cells,
                 periodic: true,

@@ -1,7 +1,7 @@
 //! A circuit as a program of OpenQASM 3, and its counts in the formats of other programs.
 
 use crate::quantum::circuit::description::{CircuitDescription, EvolutionDescription};
-use crate::quantum::circuit::gates::{Circuit, GateCounts, GateParts};
+use crate::quantum::circuit::gates::{Circuit, GateParts};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -94,35 +94,32 @@ pub fn qref(description: &CircuitDescription) -> Value {
                 "name": "block_encoding",
                 "type": "controlled_interface",
                 "ports": ports,
-                "resources": of_call(call),
+                "resources": resources("additive", &[
+                    ("toffoli", call.toffoli),
+                    ("t", call.t),
+                    ("rotations", call.rotations),
+                    ("cnot", call.cnot),
+                    ("qubits", call.qubits),
+                ]),
             }],
             "connections": [
                 "in_system -> block_encoding.in_system",
                 "block_encoding.out_system -> out_system",
             ],
-            "resources": [
-                resource("calls", steps as f64, "other"),
-                resource("toffoli", toffoli as f64, "other"),
-                resource("t", t as f64, "other"),
-                resource("rotations", rotations as f64, "other"),
-                resource("qubits", qubits as f64, "qubits"),
-            ],
+            "resources": resources("other", &[
+                ("calls", steps),
+                ("toffoli", toffoli),
+                ("t", t),
+                ("rotations", rotations),
+                ("qubits", qubits),
+            ]),
         },
     })
 }
 
-/// The counts of one call.
-fn of_call(counts: &GateCounts) -> Vec<Value> {
-    let additive = [
-        ("toffoli", counts.toffoli),
-        ("t", counts.t),
-        ("rotations", counts.rotations),
-        ("cnot", counts.cnot),
-    ];
-    let mut all: Vec<Value> =
-        additive.map(|(name, count)| resource(name, count as f64, "additive")).to_vec();
-    all.push(resource("qubits", counts.qubits as f64, "qubits"));
-    all
+/// The counts of a routine, of this kind.
+fn resources(kind: &str, counts: &[(&str, usize)]) -> Vec<Value> {
+    counts.iter().map(|&(name, count)| resource(name, count as f64, kind)).collect()
 }
 
 /// The two ports of a register of `size` qubits.
@@ -134,8 +131,10 @@ pub fn ports(register: &str, size: usize) -> [Value; 2] {
     [port("in", "input"), port("out", "output")]
 }
 
-/// A resource of a routine; unknown ones have no value.
+/// A resource of a routine; unknown ones have no value. Qubits are a kind of their own, since those
+/// of consecutive routines do not add up.
 pub fn resource(name: &str, value: impl Into<Option<f64>>, kind: &str) -> Value {
     let value: Option<f64> = value.into();
+    let kind = if name == "qubits" { name } else { kind };
     json!({"name": name, "type": kind, "value": value})
 }

@@ -120,10 +120,7 @@ impl CaseTransport {
                 force.apply(c, wires, &wires.along[force.axis], &chosen, moving);
             }
         });
-        c.push(match wires.control {
-            Some(control) => Gate::Cx(control, wires.reversed),
-            None => Gate::X(wires.reversed),
-        });
+        c.flip_where(&wires.given(&[]), wires.reversed);
         c.comment("undo the preparation");
         c.gates.extend(prepared.iter().rev().map(|gate| gate.inverse()));
     }

@@ -93,8 +93,7 @@ impl SparseState {
 
 /// Column `number` of the block of `circuit`: amplitudes of the system's states.
 pub fn block_column(circuit: &Circuit, number: usize) -> Vec<(usize, Complex64)> {
-    let roles = circuit.registers.iter().filter(|r| r.role == RegisterRole::System);
-    let system: usize = roles.map(|r| r.size).sum();
+    let system = circuit.qubits_of(RegisterRole::System).len();
     let after = SparseState::basis(number as u128).after(&circuit.gates);
     let inside = after.terms.into_iter().filter(|(s, _)| s >> system == 0);
     inside.map(|(s, a)| (s as usize, a)).collect()

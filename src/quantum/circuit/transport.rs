@@ -54,17 +54,6 @@ pub struct Force {
     pub down: Vec<Vec<(usize, bool)>>,
 }
 
-/// Forces of a case by the number of its space cell.
-pub(super) struct RotationTable<'a> {
-    /// Name of the case.
-    pub name: &'a str,
-    pub axis: usize,
-    /// Bits of the number of a space cell.
-    pub bits: usize,
-    /// `d_i` by number; `None` for numbers that are no cells.
-    pub speeds: Vec<Option<f64>>,
-}
-
 /// The transport of a case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CaseTransport {
@@ -112,16 +101,20 @@ pub enum Levels {
 }
 
 impl Force {
-    /// The force of a table; `None` where nothing is pushed. `boxes` covers the numbers in its
-    /// first argument by boxes, which may include any of the numbers in its second.
+    /// The force along `axis` in the case of this name; `None` where nothing is pushed. `speeds`
+    /// are `d_i` by the number of a space cell, `None` for numbers that are no cells. `boxes`
+    /// covers the numbers in its first argument by boxes, which may include any of those in its
+    /// second.
     ///
     /// # Errors
     /// [`Error::Input`] where the coefficient depends on more than [`MOST_TABLE_BITS`] bits.
     pub(super) fn new(
-        table: &RotationTable<'_>,
+        name: &str,
+        axis: usize,
+        speeds: &[Option<f64>],
         boxes: impl Fn(&[usize], &[usize]) -> Vec<Vec<(usize, bool)>>,
     ) -> Result<Option<Self>> {
-        let RotationTable { name, axis, bits, speeds } = table;
+        let bits = bits_of(speeds.len());
         let rate = speeds.iter().flatten().fold(0.0, |most: f64, d| most.max(d.abs()));
         if rate == 0.0 {
             return Ok(None);
@@ -129,9 +122,9 @@ impl Force {
         let near_one = |share: f64| if 1.0 - share <= ROUND_OFF { 1.0 } else { share };
         let share = |d: Option<f64>| d.map(|d| near_one(d.abs() / rate));
         let mut shares: Vec<Option<f64>> = speeds.iter().map(|&d| share(d)).collect();
-        let mut depends: Vec<usize> = (0..*bits).collect();
+        let mut depends: Vec<usize> = (0..bits).collect();
         // From the highest bit down, so that those below keep their places.
-        for bit in (0..*bits).rev() {
+        for bit in (0..bits).rev() {
             if let Some(without) = without_bit(&shares, bit) {
                 shares = without;
                 depends.remove(bit);
@@ -151,7 +144,7 @@ impl Force {
             places.filter(|(_, d)| wanted(d.unwrap_or(0.0))).map(|(place, _)| place).collect()
         };
         Ok(Some(Self {
-            axis: *axis,
+            axis,
             rate,
             bits: depends,
             shares: shares.into_iter().map(|share| share.unwrap_or(1.0)).collect(),

@@ -6,7 +6,6 @@ use crate::quantum::circuit::transport::{
     AxisTransport, CaseTransport, CircuitModes, Force, bits_of,
 };
 
-/// The weights of the sum.
 enum WeightedSum {
     /// Weights for a register of modes.
     Register {
@@ -25,21 +24,19 @@ enum WeightedSum {
 
 impl WeightedSum {
     fn new(c: &mut Circuit, modes: CircuitModes) -> Self {
+        let mut one = |name| c.register(name, 1, RegisterRole::Block)[0];
         match modes {
-            CircuitModes::One(_) => Self::One(c.register("moved", 1, RegisterRole::Block)[0]),
-            CircuitModes::Rotated { .. } => {
-                Self::Each(c.register("moved", 1, RegisterRole::Block)[0])
-            }
+            CircuitModes::One(_) => Self::One(one("moved")),
+            CircuitModes::Rotated { .. } => Self::Each(one("moved")),
             CircuitModes::Register { qubits, .. } => Self::Register {
-                unit: c.register("unit", 1, RegisterRole::Block)[0],
-                half: c.register("half", 1, RegisterRole::Block)[0],
+                unit: one("unit"),
+                half: one("half"),
                 first: c.register("first", qubits, RegisterRole::Block),
             },
         }
     }
 }
 
-/// The registers of an axis.
 pub(in crate::quantum) struct AxisRegisters {
     /// The speed, and the sign above it: the number of the velocity cell.
     pub velocity: Vec<Qubit>,
@@ -59,19 +56,17 @@ pub(in crate::quantum) struct AxisRegisters {
     pub chosen: Vec<Literal>,
 }
 
-/// The registers of which each axis has a part.
-struct SharedRegisters<'a> {
-    spaces: &'a [Vec<Qubit>],
-    bins: &'a [Qubit],
-    level: &'a [Qubit],
-    above: Option<Qubit>,
-    terms: &'a TermRegister,
-}
-
 impl AxisRegisters {
-    /// The registers of axis `a` with this `velocity`.
-    fn new(a: usize, speeds: usize, velocity: Vec<Qubit>, common: &SharedRegisters<'_>) -> Self {
-        let SharedRegisters { spaces, bins, level, above, terms } = common;
+    /// The registers of axis `a` with this `velocity`: parts of those for space, by axis, of the
+    /// bit `above` energies, and of `wires`.
+    fn new(
+        a: usize,
+        speeds: usize,
+        velocity: Vec<Qubit>,
+        spaces: &[Vec<Qubit>],
+        above: Option<Qubit>,
+        Wires { bins, level, terms, .. }: &Wires,
+    ) -> Self {
         let speed = &velocity[..velocity.len() - 1];
         let energy = [&level[..velocity.len()], speed].concat();
         let others = (0..spaces.len()).rev().filter(|b| *b != a);
@@ -205,15 +200,9 @@ impl Wires {
         let terms =
             TermRegister(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
         let reversed = c.register("reversed", 1, RegisterRole::Block)[0];
-        let common =
-            SharedRegisters { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
-        let along = velocities.into_iter().zip(axes).enumerate();
-        let along = along
-            .map(|(a, (velocity, axis))| AxisRegisters::new(a, axis.speeds, velocity, &common));
-        let along = along.collect();
-        Self {
+        let mut wires = Self {
             modes: warped,
-            along,
+            along: Vec::new(),
             space: spaces.iter().rev().flatten().copied().collect(),
             weaker,
             end_of_velocity,
@@ -226,7 +215,12 @@ impl Wires {
             level,
             terms,
             control: control.first().copied(),
+        };
+        for (a, (velocity, axis)) in velocities.into_iter().zip(axes).enumerate() {
+            let along = AxisRegisters::new(a, axis.speeds, velocity, &spaces, above, &wires);
+            wires.along.push(along);
         }
+        wires
     }
 
     /// Prepares the weights of the sum, and the levels.

@@ -39,7 +39,6 @@ pub struct SequenceCost {
     pub ancillas: LabelledNumber,
 }
 
-/// The counts of a sequence.
 pub(in crate::quantum) struct SequenceCounts {
     pub steps: LabelledNumber,
     toffoli_a_step: LabelledNumber,

@@ -54,9 +54,8 @@ impl CostTable<'_> {
 impl fmt::Display for CostTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         // Gates of a model are no whole numbers.
-        let whole = |figure: &LabelledNumber, digits: usize| match figure.value() {
-            Some(value) => figure.with(value.round()).marked_to(digits),
-            None => figure.marked(),
+        let whole = |figure: &LabelledNumber, digits: usize| {
+            figure.with(figure.or_zero().round()).marked_to(digits)
         };
         let figures = |name: &str, digits: usize, figure: fn(&Cost) -> &LabelledNumber| {
             Column::new(name, self.0.iter().map(|(_, cost)| whole(figure(cost), digits)))

@@ -37,7 +37,6 @@ pub const MOST_QUBITS: usize = 20;
 /// Relative differences of cells below this are round-off.
 const ROUND_OFF: f64 = 1e-14;
 
-/// The input of the complete circuit.
 pub(super) struct CompleteCircuitInput<'a> {
     pub case: &'a Case,
     pub registers: &'a CircuitRegisters,
@@ -102,7 +101,6 @@ pub struct CompleteDescription {
     pub counts: GateCounts,
 }
 
-/// The circuit.
 pub(super) struct CompleteCircuit {
     circuit: Circuit,
     pub about: CompleteDescription,
@@ -289,7 +287,6 @@ fn set(f: &[f64], velocities: usize) -> Option<Vec<[usize; 2]>> {
     f.chunks_exact(velocities).map(interval).collect()
 }
 
-/// The circuit while it is built.
 struct CircuitBuilder {
     circuit: Circuit,
     walk: Walk,

@@ -12,13 +12,10 @@ fn file(kind: &str, length: usize, bytes: impl Iterator<Item = u8>) -> Vec<u8> {
     let bare = MAGIC.len() + 2 + header.len() + 1;
     header += &" ".repeat(bare.next_multiple_of(ALIGNMENT) - bare);
     header.push('\n');
-    MAGIC
-        .iter()
-        .copied()
-        .chain((header.len() as u16).to_le_bytes())
-        .chain(header.into_bytes())
-        .chain(bytes)
-        .collect()
+    let length = (header.len() as u16).to_le_bytes();
+    let mut file = [MAGIC, &length, header.as_bytes()].concat();
+    file.extend(bytes);
+    file
 }
 
 /// A vector of real numbers.

@@ -6,6 +6,7 @@ use crate::problem::case::Case;
 use crate::schrodingerization::profile::series::points;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
+use serde::Serialize;
 
 /// The largest number of qubits that are exported.
 pub const MOST_QUBITS: usize = 12;
@@ -54,18 +55,22 @@ impl CircuitRegisters {
         Ok(registers)
     }
 
-    /// The number of all qubits.
     pub(super) fn total(&self) -> usize {
         self.p + self.phase_space.iter().sum::<usize>() + self.label
     }
 }
 
 /// The grid in `p`: `p_k = lower + k · period/points`.
-pub(super) struct PointGrid {
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct PointGrid {
+    /// `N_p`.
+    #[serde(skip)]
     pub points: usize,
+    /// `L`, the first point.
     pub lower: f64,
+    /// `P`.
     pub period: f64,
-    /// `k◇`.
+    /// `k◇`, of the point where the field is read.
     pub recovery_index: usize,
     /// `p◇`.
     pub recovery: f64,

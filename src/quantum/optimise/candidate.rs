@@ -106,7 +106,7 @@ impl CostedChoice {
         let one = || LabelledNumber::exact(1.0);
         let cost = Cost::least_of(costs)?;
         let planned = ProfileCandidate::planned(ProfileChoice::Planned);
-        if let (None, Some(why)) = (cost.measured().value(), cost.measured().because()) {
+        if let Some(why) = cost.measured().why_not() {
             return Some(Self { unitary_scheme: true, ..Self::unavailable(&planned, None, why) });
         }
         let queries = costs.iter().find_map(|cost| cost.queries.clone())?;
@@ -137,13 +137,9 @@ impl CostedChoice {
 
     /// Why the choice cannot be planned; `None` if it can.
     pub fn why_not(&self) -> Option<&str> {
-        match self.recovery.value() {
-            None => self.recovery.because(),
-            Some(_) => None,
-        }
+        self.recovery.why_not()
     }
 
-    /// The cheaper choice of the two.
     pub(super) fn cheaper(self, other: Self) -> Self {
         if other.least_cost() < self.least_cost() { other } else { self }
     }

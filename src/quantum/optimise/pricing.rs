@@ -42,17 +42,10 @@ impl RegisterModes {
         Self { points: 2 * half, period: least.max(half as f64 * TAU / highest) }
     }
 
-    /// The highest wavenumber.
     fn highest(&self) -> f64 {
         TAU * (self.points / 2) as f64 / self.period
     }
 
-    /// The number of modes `l ≥ 0` that `points` points have if they are given by hand.
-    fn modes(&self) -> usize {
-        self.points / 2 + 1
-    }
-
-    /// The series of all modes.
     fn series(&self, shape: &dyn ProfileShape) -> Series {
         Series::analytic_points(self.period, self.points, |mu| shape.coefficient(mu))
     }
@@ -120,7 +113,8 @@ impl PlannedCandidate {
             return Err(too_many(outline.modes));
         }
         if let ProfileForm::Transform(_) = outline.profile.form() {
-            let modes = RegisterModes::new(outline).modes();
+            // The modes `l ≥ 0` that so many points have if they are given by hand.
+            let modes = RegisterModes::new(outline).points / 2 + 1;
             if modes > MOST_MODES + 1 {
                 return Err(too_many(modes as f64));
             }
@@ -170,14 +164,12 @@ impl PlannedCandidate {
         (1.0 - ROUND_OFF) * least.cost.least()
     }
 
-    /// The cost of the candidate.
     fn priced(&self, system: &System<'_>, candidate: &ProfileCandidate) -> CostedChoice {
         let PlannedMeasurement { probabilities, requirements } =
             self.state().measurement(system.norms, system.case.tolerance);
         let delta = delta_of(system);
-        let all = &probabilities.nearest().all;
-        if let (None, Some(because)) = (all.value(), all.because()) {
-            return CostedChoice::unavailable(candidate, delta, because);
+        if let Some(why) = probabilities.nearest().all.why_not() {
+            return CostedChoice::unavailable(candidate, delta, why);
         }
         let LeastCost { cost, queries } =
             system.accesses.least(&requirements, &probabilities.evolutions());

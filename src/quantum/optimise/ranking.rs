@@ -30,14 +30,12 @@ impl Ranking {
     /// The number of choices that could not be priced, and the reason of the first. `None` if all
     /// were priced.
     pub fn not_compared(&self) -> Option<String> {
-        let without: Vec<&CostedChoice> =
-            self.0.iter().filter(|choice| choice.why_not().is_some()).collect();
-        let first = without.first()?;
-        let (count, all, name) = (without.len(), self.0.len(), name_of(first));
-        let why = first.why_not().unwrap_or_default();
-        if self.shared_reason().is_some() {
+        if let Some(why) = self.shared_reason() {
             return Some(format!("no choice could be priced: {why}"));
         }
+        let without = || self.0.iter().filter_map(|choice| Some((choice, choice.why_not()?)));
+        let (first, why) = without().next()?;
+        let (count, all, name) = (without().count(), self.0.len(), name_of(first));
         Some(format!("{count} of {all} choices could not be priced; {name}: {why}"))
     }
 
@@ -153,7 +151,6 @@ fn short_name(choice: &CostedChoice) -> String {
     }
 }
 
-/// The name of a choice.
 fn name_of(choice: &CostedChoice) -> String {
     if choice.unitary_scheme {
         "unitary scheme, no p".to_owned()

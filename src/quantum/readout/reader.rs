@@ -3,14 +3,12 @@
 use crate::base::row_major::position;
 use crate::matrix::observables::VelocityFactors;
 use crate::parallel::communicator::Group;
-use crate::problem::case;
-use crate::problem::case::{Case, MeasurementEffort};
+use crate::problem::case::{Case, MeasurementEffort, ReadoutSettings};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::{MOST_EVALUATIONS, MOST_SHOTS};
 use crate::quantum::labelled_number::{LabelledNumber, Trust};
 use crate::quantum::probability::Probabilities;
-use crate::quantum::readout::measurement;
-use crate::quantum::readout::measurement::Estimate;
+use crate::quantum::readout::measurement::{self, Estimate};
 use crate::quantum::readout::random::{Purpose, Stream};
 use crate::quantum::readout::row::{Measured, Observable, OverlapEstimator, ReadoutRow, reason};
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -47,17 +45,6 @@ pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
     x.map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Sets the estimate in `measured`, which `estimator` has drawn, and its standard error.
-fn set_estimate(measured: &mut Measured, estimate: Estimate, estimator: OverlapEstimator) {
-    let no_variance = "the distribution has no variance in closed form; see bound";
-    measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
-    measured.standard_error = if estimator.coherent() {
-        LabelledNumber::unavailable(no_variance)
-    } else {
-        LabelledNumber::estimate(estimate.error, "from the counts")
-    };
-}
-
 /// An overlap and the prefactor by which it gives a moment.
 #[derive(Clone, Copy, Debug)]
 struct Overlap {
@@ -91,14 +78,9 @@ impl Repetitions {
     /// Bound on the error of an overlap, whatever the overlap.
     fn of_overlap(self, estimator: OverlapEstimator) -> f64 {
         match estimator {
-            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
-                measurement::hadamard_bound(self.shots)
-            }
             OverlapEstimator::AllZero => measurement::all_zero_bound(self.shots),
-            OverlapEstimator::AmplitudeEstimation
-            | OverlapEstimator::EnlargedAmplitudeEstimation => {
-                measurement::amplitude_bound(0.0, self.evaluations)
-            }
+            _ if estimator.coherent() => measurement::amplitude_bound(0.0, self.evaluations),
+            _ => measurement::hadamard_bound(self.shots),
         }
     }
 }
@@ -117,7 +99,7 @@ pub(crate) struct CellSums {
 pub(crate) struct ReadoutContext<'a> {
     pub case: &'a Case,
     pub source: &'a ReadoutSource<'a>,
-    pub readout: &'a case::ReadoutSettings,
+    pub readout: &'a ReadoutSettings,
     pub factors: &'a VelocityFactors,
 }
 
@@ -155,18 +137,14 @@ impl ReadoutContext<'_> {
         sums
     }
 
-    /// The rows of a cell.
     pub(crate) fn rows(&self, cell: &[usize], sums: &CellSums) -> Vec<ReadoutRow> {
         let n = self.case.space.dimension();
         let volume = self.case.space.velocity_cell_volume();
-        let row = |observable| ReadoutRow::at(&self.case.space, cell, observable);
+        let observables = Observable::all(n);
+        let row = |place: usize| ReadoutRow::at(&self.case.space, cell, observables[place]);
         let linear: Vec<(ReadoutRow, Vec<MeasuredMoment>)> = (0..=n)
             .map(|k| {
-                let observable = match k {
-                    0 => Observable::Density,
-                    k => Observable::Momentum(k - 1),
-                };
-                let mut row = row(observable);
+                let mut row = row(k);
                 row.value = LabelledNumber::exact(sums.moments[k] * volume);
                 let moments = OverlapEstimator::ALL.map(|e| self.moment(&row, k, sums, e));
                 (row, moments.into())
@@ -174,7 +152,7 @@ impl ReadoutContext<'_> {
             .collect();
         let velocities: Vec<ReadoutRow> = (1..=n)
             .map(|k| {
-                let mut row = row(Observable::Velocity(k - 1));
+                let mut row = row(n + k);
                 row.value = match sums.moments[0] {
                     0.0 => LabelledNumber::unavailable("the density is 0"),
                     rho => LabelledNumber::exact(sums.moments[k] / rho),
@@ -256,7 +234,14 @@ impl ReadoutContext<'_> {
         let effort = self.effort(estimator, repetitions, undrawn);
         let mut measured = Measured { bound: self.labelled(bound), ..effort };
         if let Some(estimate) = estimate {
-            set_estimate(&mut measured, estimate, estimator);
+            measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
+            measured.standard_error = if estimator.coherent() {
+                LabelledNumber::unavailable(
+                    "the distribution has no variance in closed form; see bound",
+                )
+            } else {
+                LabelledNumber::estimate(estimate.error, "from the counts")
+            };
         }
         let evolutions = self.evolutions(estimator, repetitions);
         let bare_bound = within(repetitions.of_overlap(estimator));
@@ -352,14 +337,9 @@ impl ReadoutContext<'_> {
         let stream = &mut Stream::new(self.readout.seed, purpose);
         let (o, shots, evaluations) = (overlap.value, shots as u64, evaluations as u64);
         let drawn = match estimator {
-            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
-                measurement::hadamard(stream, o, shots)
-            }
             OverlapEstimator::AllZero => measurement::all_zero(stream, o, shots),
-            OverlapEstimator::AmplitudeEstimation
-            | OverlapEstimator::EnlargedAmplitudeEstimation => {
-                measurement::amplitude_estimation(stream, o, evaluations)
-            }
+            _ if estimator.coherent() => measurement::amplitude_estimation(stream, o, evaluations),
+            _ => measurement::hadamard(stream, o, shots),
         };
         let bare = Estimate {
             value: overlap.prefactor * drawn.value,
@@ -439,9 +419,6 @@ impl ReadoutContext<'_> {
         let measures_norm = self.measures_norm(estimator);
         let beside_norm = |c: f64| if measures_norm { beside_norm(c) } else { error };
         Ok(match estimator {
-            OverlapEstimator::Hadamard | OverlapEstimator::EnlargedHadamard => {
-                of_shots(measurement::hadamard_shots(beside_norm(FRAC_1_SQRT_2)))
-            }
             OverlapEstimator::AllZero => of_shots(measurement::all_zero_shots(beside_norm(1.0))),
             OverlapEstimator::AmplitudeEstimation if measures_norm => {
                 // Half for each; of C_f with what amplification then loses, h = η + 3η²/2.
@@ -451,10 +428,8 @@ impl ReadoutContext<'_> {
                 let evaluations = measurement::root_evaluations(self.probability(), of_norm);
                 of_runs(measurement::evaluations(half), evaluations)
             }
-            OverlapEstimator::AmplitudeEstimation
-            | OverlapEstimator::EnlargedAmplitudeEstimation => {
-                of_runs(measurement::evaluations(error), 0.0)
-            }
+            _ if estimator.coherent() => of_runs(measurement::evaluations(error), 0.0),
+            _ => of_shots(measurement::hadamard_shots(beside_norm(FRAC_1_SQRT_2))),
         })
     }
 
@@ -492,34 +467,26 @@ impl ReadoutContext<'_> {
     ) -> [LabelledNumber; 2] {
         const WHY: &str = "the mean over postselections that fail";
         const ROUNDS: &str = "exact amplitude amplification; its failure is in the bound";
+        const NO_INVERSE: &str =
+            "amplitude estimation inverts the preparation; repetition has no inverse";
         let chain = self.source.probabilities.nearest();
         let uses = if estimator.coherent() {
             measurement::preparations(repetitions.evaluations)
         } else {
             repetitions.shots
         };
-        let times = |figure: &LabelledNumber, each: &dyn Fn(f64) -> f64, why| match figure.value() {
-            Some(x) => LabelledNumber::estimate(uses * each(x), why),
+        let times = |figure: &LabelledNumber, why| match figure.value() {
+            Some(x) => LabelledNumber::estimate(uses * x, why),
             None => figure.clone(),
         };
-        let repeated = times(&chain.repetitions, &|r| r, WHY);
-        let coherent = times(&chain.amplified_evolutions, &|n| n, ROUNDS);
-        match estimator {
-            OverlapEstimator::Hadamard | OverlapEstimator::AllZero => [repeated, coherent],
-            OverlapEstimator::AmplitudeEstimation => [
-                LabelledNumber::unavailable(
-                    "amplitude estimation inverts the preparation; repetition has no inverse",
-                ),
-                coherent,
-            ],
-            OverlapEstimator::EnlargedHadamard => [
-                LabelledNumber::exact(uses),
-                LabelledNumber::unavailable("nothing is postselected"),
-            ],
-            OverlapEstimator::EnlargedAmplitudeEstimation => [
-                LabelledNumber::unavailable("nothing is postselected"),
-                LabelledNumber::exact(uses),
-            ],
+        let repeated = times(&chain.repetitions, WHY);
+        let coherent = times(&chain.amplified_evolutions, ROUNDS);
+        let (all, none) = (LabelledNumber::exact(uses), LabelledNumber::unavailable);
+        match (estimator.enlarged(), estimator.coherent()) {
+            (false, false) => [repeated, coherent],
+            (false, true) => [none(NO_INVERSE), coherent],
+            (true, false) => [all, none("nothing is postselected")],
+            (true, true) => [none("nothing is postselected"), all],
         }
     }
 }

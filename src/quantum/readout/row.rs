@@ -139,10 +139,7 @@ pub struct ReadoutRow {
 
 /// Why a number is unavailable; without double quotes, since files put the text between them.
 pub(crate) fn reason(figure: &LabelledNumber) -> String {
-    match figure.value() {
-        None => figure.because().unwrap_or_default().replace('"', "'"),
-        Some(_) => String::new(),
-    }
+    figure.why_not().unwrap_or_default().replace('"', "'")
 }
 
 impl Measured {

@@ -6,24 +6,18 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::resources::ResourceCounts;
 use serde_json::{Map, Value, json};
 
-/// The use of the T gates of rotations.
 const T_OF_ROTATION: &str = "The estimator makes rotations of logicalCounts of T gates by a \
                              formula of its own. tOfRotation chose the set-up and the access; \
                              tOfRotations has the T gates that follow from it";
-/// The note that counts have no rotations.
 const SYNTHESIZED: &str = "synthesizedCounts has them in tCount, and no rotations";
 
 impl ResourceCounts {
     /// The access to `H` that takes the fewest gates until the field is measured, by the sequence
     /// whose rotations are computed.
-    fn least(&self) -> Option<&Cost> {
+    fn least(&self) -> &Cost {
         let gates = |cost: &Cost| cost.evolution.least();
-        self.by_access.costs.iter().min_by(|a, b| gates(a).total_cmp(&gates(b)))
-    }
-
-    /// The cost with the fewest gates, if its gates are emitted.
-    fn emitted(&self) -> Option<&Cost> {
-        self.least().filter(|cost| cost.access != Access::Sparse)
+        let least = self.by_access.costs.iter().min_by(|a, b| gates(a).total_cmp(&gates(b)));
+        least.expect("sparse access has a cost")
     }
 
     /// The counts of an evolution for Azure's resource estimator, as `LogicalCounts`. They are
@@ -31,7 +25,10 @@ impl ResourceCounts {
     /// counts stand beside them with the reason, since the estimator takes an absent count for
     /// zero.
     pub fn logical_counts(&self) -> Value {
-        let Some(cost) = self.emitted() else { return self.counts_of_oracles() };
+        let cost = self.least();
+        if cost.access == Access::Sparse {
+            return self.counts_of_oracles(cost);
+        }
         let count = |figure: &LabelledNumber| figure.value().map(|n| n as u64);
         let evolution = &cost.evolution;
         let counts = LogicalCounts {
@@ -60,12 +57,11 @@ impl ResourceCounts {
         })
     }
 
-    /// Counts of sparse access.
-    fn counts_of_oracles(&self) -> Value {
-        let model = self.least().map(|cost| &cost.evolution.toffoli);
+    /// Counts of sparse access, which costs `sparse`.
+    fn counts_of_oracles(&self, sparse: &Cost) -> Value {
         let qubits = self.qubits.walk.total.value().map(|n| n as u64);
         let rotations = self.walk_steps.value().map(|steps| steps as u64 + 1);
-        let of_rotations = self.least().and_then(|cost| cost.evolution.t_of_rotations().value());
+        let of_rotations = sparse.evolution.t_of_rotations().value();
         let not_compiled = self.by_access.no_circuit.as_deref();
         json!({
             "logicalCounts": {
@@ -78,7 +74,7 @@ impl ResourceCounts {
                 "value": self.queries.value_queries.value(),
                 "total": self.queries.queries.value(),
             },
-            "toffoli": model,
+            "toffoli": sparse.evolution.toffoli,
             "tOfRotations": of_rotations.map(|t| t as u64),
             "unavailable": {
                 "tCount": not_compiled,
@@ -105,13 +101,13 @@ impl ResourceCounts {
             routine(name, "transform_in_p", &ports, &figures)
         };
         let least = self.least();
-        let (kind, figures) = match least {
-            Some(cost) if cost.access != Access::Sparse => ("qubitization", of_circuit(cost)),
-            _ => ("sparse_access_walk", self.of_oracles()),
+        let (kind, figures) = match least.access {
+            Access::Sparse => ("sparse_access_walk", self.of_oracles(least)),
+            Access::Circuit(_) | Access::Rotated(_) => ("qubitization", of_circuit(least)),
         };
         let ports = [ports("system", system), ports("p", self.qubits.p)].concat();
         // Transforms reuse the qubits of the evolution: a peak is no sum.
-        let all: Vec<_> = least.iter().map(|cost| ("qubits", &cost.evolution.qubits)).collect();
+        let all = [("qubits", &least.evolution.qubits)];
         let mut program = routine("schrodingerization", "quantum_algorithm", &ports, &all);
         program["children"] = json!([
             transform("qft"),
@@ -129,18 +125,16 @@ impl ResourceCounts {
         json!({ "version": "v1", "program": program })
     }
 
-    /// The figures of an evolution by sparse access.
-    fn of_oracles(&self) -> Vec<(&'static str, &LabelledNumber)> {
-        let mut figures = vec![
+    /// The figures of an evolution by sparse access, which costs `sparse`.
+    fn of_oracles<'a>(&'a self, sparse: &'a Cost) -> Vec<(&'static str, &'a LabelledNumber)> {
+        vec![
             ("walk_steps", &self.walk_steps),
             ("location_queries", &self.queries.location_queries),
             ("value_queries", &self.queries.value_queries),
             ("queries", &self.queries.queries),
             ("qubits", &self.qubits.walk.total),
-        ];
-        let sparse = self.by_access.costs.iter().find(|cost| cost.access == Access::Sparse);
-        figures.extend(sparse.map(|cost| ("toffoli_model", &cost.evolution.toffoli)));
-        figures
+            ("toffoli_model", &sparse.evolution.toffoli),
+        ]
     }
 }
 
@@ -161,15 +155,13 @@ fn routine(name: &str, kind: &str, ports: &[Value], figures: &[(&str, &LabelledN
     let known = || figures.iter().filter(|(_, figure)| figure.value().is_some());
     let labels: Map<String, Value> =
         known().map(|(name, figure)| ((*name).to_owned(), json!(figure.trust()))).collect();
-    // Qubits are a peak, since those of consecutive routines do not add up.
-    let of_figure = |(name, figure): &(&str, &LabelledNumber)| {
-        resource(name, figure.value(), if *name == "qubits" { "qubits" } else { "additive" })
-    };
+    let resources: Vec<Value> =
+        known().map(|(name, figure)| resource(name, figure.value(), "additive")).collect();
     json!({
         "name": name,
         "type": kind,
         "ports": ports,
-        "resources": known().map(of_figure).collect::<Vec<_>>(),
+        "resources": resources,
         "meta": { "labels": labels },
     })
 }

@@ -55,7 +55,6 @@ struct RegimeParameters {
     extent: f64,
 }
 
-/// The paper's count.
 struct PaperCounts {
     queries: f64,
     /// Operations of forward Euler.

@@ -177,7 +177,6 @@ impl ResourceCounts {
         self.weights(f)
     }
 
-    /// The error of the field and its parts.
     fn errors(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let errors = &self.error_budget;
         let part = |number: &LabelledNumber| short(rounded(number.or_nan(), 1e-3));
@@ -194,7 +193,6 @@ impl ResourceCounts {
         )
     }
 
-    /// The numbers of qubits.
     fn register_sizes(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let r = &self.qubits;
         writeln!(
@@ -227,7 +225,6 @@ impl ResourceCounts {
     }
 }
 
-/// A line with a name and its number.
 fn line(f: &mut fmt::Formatter<'_>, name: &str, number: &LabelledNumber) -> fmt::Result {
     writeln!(f, "{name:<WIDTH$}{number}")
 }
@@ -288,7 +285,6 @@ fn chain(f: &mut fmt::Formatter<'_>, what: &str, c: &PostselectionChain) -> fmt:
     rows.iter().try_for_each(|(name, number)| line(f, name, number))
 }
 
-/// The paper's asymptotic count.
 fn regime_table(f: &mut fmt::Formatter<'_>, regime: &Regime, tolerance: f64) -> fmt::Result {
     writeln!(f, "\ndiscontinuities {}, tolerance {tolerance:e}", regime.discontinuities)?;
     let rows = [

@@ -75,12 +75,15 @@ pub struct Palette {
     nearest: HashMap<Colour, u8>,
 }
 
+/// The colour of a value between 0 and 1.
+type Shades = fn(f64) -> RGBColor;
+
 impl Palette {
     /// The palette of a figure: greys, the shades of its maps, and the colours of its lines on
     /// paper.
     pub fn of(figure: &Figure) -> Self {
         let mut lines: Vec<RGBColor> = Vec::new();
-        let mut maps: [Option<fn(f64) -> RGBColor>; 2] = [None; 2];
+        let mut maps: [Option<Shades>; 2] = [None; 2];
         for layer in figure.panels.iter().flat_map(|panel| &panel.layers) {
             match layer {
                 Layer::Map(map) => maps[usize::from(map.differences)] = Some(colours(map)),

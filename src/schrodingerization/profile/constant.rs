@@ -12,15 +12,9 @@ use std::f64::consts::TAU;
 /// The profile with its one mode.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Constant {
-    #[serde(skip)]
-    series: Series,
-}
-
-impl Constant {
     /// The series of one mode.
-    pub fn series(&self) -> &Series {
-        &self.series
-    }
+    #[serde(skip)]
+    pub series: Series,
 }
 
 impl Default for Constant {

@@ -64,10 +64,4 @@ pub trait Planned {
     fn estimate_doubt(&self, _quality: &EstimatorQuality) -> Option<&'static str> {
         Some("the modes that this profile omits may cancel at both recovery points")
     }
-
-    /// Whether `solver.warp.points` can be given. A series has its own `N_p`, as it is no function
-    /// on the whole line.
-    fn takes_points(&self) -> bool {
-        matches!(self.form(), ProfileForm::Transform(_))
-    }
 }

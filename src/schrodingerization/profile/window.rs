@@ -152,13 +152,6 @@ pub struct PlacedProfile<P> {
     pub window: Window,
 }
 
-impl<P> PlacedProfile<P> {
-    /// The same with another type of the profile.
-    pub fn converted<Q: From<P>>(self) -> PlacedProfile<Q> {
-        PlacedProfile { profile: self.profile.into(), window: self.window }
-    }
-}
-
 impl Window {
     /// Modes `l ≥ 0` up to the cut-off with this period; as a float, since there may be too many to
     /// count.

@@ -154,7 +154,6 @@ pub fn write(path: &Path, header: &Header, snapshot: &Snapshot<'_>) -> Result<Fi
     Ok(FileRecord { bytes: 8 * sink.words, checksum })
 }
 
-/// A file that is being written.
 struct FileWriter {
     file: BufWriter<File>,
     words: u64,
@@ -193,11 +192,9 @@ pub fn check(path: &Path, written: &FileRecord) -> std::result::Result<(), Strin
     })
     .and_then(|()| read_words(&file, count, 1, |_, words| last = words[0]))
     .map_err(|e| e.to_string())?;
-    if sum == last && sum == written.checksum {
-        Ok(())
-    } else {
-        Err("is not as it was written (its checksum differs)".to_owned())
-    }
+    let is_sound = sum == last && sum == written.checksum;
+    let damaged = || "is not as it was written (its checksum differs)".to_owned();
+    is_sound.then_some(()).ok_or_else(damaged)
 }
 
 /// Reads `count` words from number `first` on, piece by piece: calls `visit(number of the piece's

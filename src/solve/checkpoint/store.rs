@@ -6,13 +6,11 @@ use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::{ProcessMesh, common_runs};
 use crate::problem::grid::PhaseSpace;
-use crate::solve::checkpoint::file;
-use crate::solve::checkpoint::file::{FileRecord, Header, RankFile, ReadDestination};
+use crate::solve::checkpoint::file::{self, FileRecord, Header, RankFile, ReadDestination};
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
-use std::fs;
-use std::fs::File;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 const MANIFEST: &str = "manifest.json";

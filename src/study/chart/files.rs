@@ -107,9 +107,12 @@ fn error(x: Option<f64>) -> String {
     x.map_or("-".to_owned(), |x| format!("{x:.2e}"))
 }
 
-/// Columns of numbers on the terminal: the name of each, and the text of an entry.
+/// A column of numbers on the terminal: its name, and the text of an entry.
+type NumberColumn = (&'static str, fn(&ChartEntry) -> String);
+
+/// Columns of numbers on the terminal.
 #[rustfmt::skip]
-const TABLE: [(&str, fn(&ChartEntry) -> String); 7] = [
+const TABLE: [NumberColumn; 7] = [
     ("exact", |e| error(e.error_exact)),
     ("semi-discrete", |e| error(e.error_semidiscrete)),
     ("seconds", |e| e.seconds.map_or("-".to_owned(), |s| format!("{s:.4}"))),

@@ -16,7 +16,6 @@ pub struct Circle {
 }
 
 impl Circle {
-    /// The tables.
     pub(crate) fn new() -> Self {
         let point = |k: i64| {
             let (sin, cos) = libm::sincos(TAU * (k as f64 / TURN as f64));
