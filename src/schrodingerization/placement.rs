@@ -1,34 +1,30 @@
 //! Chooses profile, Fourier series and recovery points from the tolerance, the bounds of the
 //! spectrum and the settings of the case.
+//!
+//! `requirements` says what the case asks of the profile, `readings` where the field is read,
+//! `refusals` why there is no profile, `warnings` which settings given by hand are doubtful.
+
+mod readings;
+mod refusals;
+mod requirements;
+mod warnings;
 
 use crate::base::error::{Error, Result};
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::{
-    Case, Coefficients, Delta, LARGEST_TOLERANCE, ProfileChoice, RecoveryMethod, Warp,
-};
+use crate::problem::case::{Case, Coefficients, ProfileChoice, RecoveryMethod};
 use crate::problem::limits::MOST_MODES;
-use crate::propagate;
-use crate::scheme::interface::law_of;
+use crate::schrodingerization::placement::readings::{
+    ErrorEstimator, error_estimator, moved, plateau, readings,
+};
+use crate::schrodingerization::placement::refusals::{relaxed, too_many_modes};
+use crate::schrodingerization::placement::requirements::{SECOND_POINT, requirements, shift};
+use crate::schrodingerization::placement::warnings::{much_growth, recovery_is_low, too_few};
 use crate::schrodingerization::profile::constant::Constant;
 use crate::schrodingerization::profile::series::Series;
-use crate::schrodingerization::profile::window::PLATEAU;
 use crate::schrodingerization::profile::{
     PlacedProfile, Profile, ProfileForm, ProfileRequirements, ProfileShape, Window,
 };
-use crate::schrodingerization::recovery::{Reading, visible_error_parts};
-use std::f64::consts::PI;
-
-/// Distance in `p` of the second recovery point from the first.
-const SECOND_POINT: f64 = 1.0;
-/// Width in `p` of the window of an integral or least-squares recovery.
-const WINDOW: f64 = 1.0;
-/// Growth over the run beyond which a warning names its remedy: an amplification by e.
-const MUCH_GROWTH: f64 = 1.0;
-/// For series with more modes than this, the two readings are not compared mode by mode.
-const MOST_TO_COMPARE: usize = 1 << 13;
-/// Part of the tolerance that truncated modes may take where coefficients come from samples: the
-/// truncated modes are aliased to the wavenumbers that are kept.
-const SAMPLED_TRUNCATION: f64 = 0.2;
+use crate::schrodingerization::recovery::Reading;
 
 /// The profile of a run and how it is read.
 pub(crate) struct Placement {
@@ -91,37 +87,6 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
         readings: moved(readings, shift),
         warnings,
     })
-}
-
-/// The warning of a recovery point given by hand below that of the plan.
-fn recovery_is_low(window: &Window, growth: f64) -> String {
-    format!(
-        "solver.warp.recovery = {} is below {:.4}, which growth x time = {growth:.4} asks for: \
-         where S grows that much, what is read there comes from where the profile is not exp(-p)",
-        window.point,
-        window.point - window.distance
-    )
-}
-
-/// The readings of `series` by which the error is estimated, which `at` gives for a distance of the
-/// second point from the first. The spectrum of `−ST` lies in `spectrum`.
-fn error_estimator(
-    case: &Case,
-    series: &Series,
-    spectrum: [f64; 2],
-    at: impl Fn(f64) -> Vec<Reading>,
-) -> ErrorEstimator {
-    match case.recovery_points {
-        0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
-        // The two errors are independent; the second is at most e times as large, and may cancel
-        // the first or add to it.
-        _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
-            readings: at(SECOND_POINT),
-            efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
-            doubt: f64::INFINITY,
-        },
-        _ => most_alike(series, spectrum, at),
-    }
 }
 
 /// A profile and its window, with what they meet.
@@ -249,11 +214,6 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
     })
 }
 
-/// The error that a profile has more modes than a run may have.
-fn too_many_modes(case: &Case, profile: String, modes: f64) -> Error {
-    Error::Modes { profile, modes, limit: MOST_MODES, tolerance: case.tolerance }
-}
-
 /// The series of a profile that is known on the line, and its interval: both planned, unless the
 /// case gives them.
 fn transformed(
@@ -284,269 +244,4 @@ fn transformed(
         }
     };
     Ok((series, interval))
-}
-
-/// A warning about large growth that the case causes: no weights although particles graze, or a
-/// small `δ`.
-fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
-    let growth = bounds.growth * case.duration();
-    if growth <= MUCH_GROWTH {
-        return None;
-    }
-    let grazes = bounds.jumps && law_of(case.interface).may_grow() && !case.warp.weights;
-    let (key, instead) = match case.warp.delta {
-        _ if grazes => (
-            "solver.warp.weights = \"none\"".to_owned(),
-            "\"dissipative\", or scheme.interface = \"conservative\", keeps it small",
-        ),
-        Delta::Given(delta) if bounds.inflow => (
-            format!("solver.warp.delta = {delta:e}"),
-            "a larger one, or none given by hand, keeps it small",
-        ),
-        Delta::Largest if bounds.inflow => {
-            ("solver.warp.delta = \"max\"".to_owned(), "none given by hand keeps it small")
-        }
-        _ => return None,
-    };
-    Some(format!(
-        "{key}: growth x time may be up to {growth:.3}, where {MUCH_GROWTH} is much; what is \
-        wrong with a mode is read up to {:.1e} times as \
-         large; {instead}",
-        growth.exp()
-    ))
-}
-
-/// `σT` of the spectral shift.
-fn shift(case: &Case, bounds: &Bounds) -> f64 {
-    case.warp.shift.of(bounds.growth) * case.duration()
-}
-
-/// The requirements on the profile. All effects share the tolerance. If the interval is given by
-/// hand, any one effect may take the whole tolerance, and the second reading may be worse.
-fn requirements(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileRequirements {
-    let (warp, time) = (&case.warp, case.duration());
-    // Spectral shift: u = e^{σt} ũ, ũ' = (A − σ) ũ, planned for.
-    let shift = shift(case, bounds);
-    let growth = (bounds.growth * time - shift).max(0.0);
-    let decay = bounds.decay * time + shift;
-    let tolerance = warp.share * case.tolerance / ratio * libm::exp(-shift.max(0.0));
-    let width = width(warp);
-    let second = if case.recovery_points > 1 { SECOND_POINT } else { 0.0 };
-    let mut requirements = ProfileRequirements::new(tolerance, growth, decay, width + second);
-    requirements.round_off = propagate::round_off(propagate::steps(&case.propagator, time));
-    requirements.recovery = warp.recovery;
-    requirements.interval = warp.interval;
-    requirements.sampled = warp.coefficients == Coefficients::Sampled;
-    if requirements.sampled {
-        requirements.truncation = SAMPLED_TRUNCATION;
-    }
-    if requirements.interval.is_some() {
-        requirements.images = 1.0;
-        requirements.reach = width;
-    }
-    requirements
-}
-
-/// Width in `p` that the readings need above `p◇`.
-fn width(warp: &Warp) -> f64 {
-    match warp.recovery_method {
-        RecoveryMethod::Point => 0.0,
-        RecoveryMethod::Integral | RecoveryMethod::LeastSquares => WINDOW,
-    }
-}
-
-/// The plan if the guaranteed one does not fit into the interval given by hand: for the decay of
-/// the transport alone, with a warning. Or the reason why there is none.
-fn relaxed(
-    case: &Case,
-    bounds: &Bounds,
-    ratio: f64,
-    requirements: &ProfileRequirements,
-    warnings: &mut Vec<String>,
-) -> Result<PlacedProfile<Profile>> {
-    let choice = &case.warp.choice();
-    let growth = requirements.growth;
-    let open = ProfileRequirements { interval: None, shortest: true, ..*requirements };
-    let Some(guaranteed) = Profile::plan(choice, &open) else {
-        return Err(no_profile(case, ratio, &open));
-    };
-    let transport = ProfileRequirements {
-        decay: bounds.dissipation * case.duration() + shift(case, bounds),
-        ..*requirements
-    };
-    if let Some(planned) = Profile::plan(choice, &transport) {
-        warnings.push(format!(
-            "solver.warp.interval has a length of {:.4}; {:.4} guarantees the tolerance, with the \
-            decay x time of at most {:.4} \
-             that follows from a growth x time of at most {growth:.4}; without that growth it is \
-             long enough",
-            length(requirements),
-            guaranteed.window.period,
-            requirements.decay
-        ));
-        return Ok(planned);
-    }
-    // The state at the start, with its auxiliary unknowns, may be far larger than the field at the
-    // end. Then an error relative to the state may be large relative to the field.
-    let of_state = ProfileRequirements { tolerance: requirements.tolerance * ratio, ..transport };
-    if let Some(planned) = Profile::plan(choice, &of_state) {
-        warnings.push(format!(
-            "solver.warp.interval has a length of {:.4}: long enough for the tolerance relative \
-            to the state at the start, {ratio:.3e} times \
-             as large as the field at the end; relative to the field {:.4} guarantees it",
-            length(requirements),
-            guaranteed.window.period
-        ));
-        return Ok(planned);
-    }
-    // A sufficient interval for the refusal's message: its ends for the decay of the transport
-    // alone, relative to the state.
-    let open = ProfileRequirements { decay: of_state.decay, tolerance: of_state.tolerance, ..open };
-    let placed = Profile::plan(choice, &open).unwrap_or(guaranteed);
-    Err(too_short(case, requirements, &open, &placed))
-}
-
-/// The refusal of the interval of `requirements`, with that of `placed`, which meets `open`.
-fn too_short(
-    case: &Case,
-    requirements: &ProfileRequirements,
-    open: &ProfileRequirements,
-    PlacedProfile { profile, window }: &PlacedProfile<Profile>,
-) -> Error {
-    let [lower, upper] = profile.ends(open, window);
-    Error::Interval {
-        place: case.interval_place.clone(),
-        given: requirements.interval.unwrap_or_default(),
-        needed: window.period,
-        ends: [(lower * 1e3).floor() / 1e3, (upper * 1e3).ceil() / 1e3],
-        point: window.point,
-        tolerance: case.tolerance,
-    }
-}
-
-/// Why no profile meets `requirements`, whatever the interval.
-fn no_profile(case: &Case, ratio: f64, requirements: &ProfileRequirements) -> Error {
-    let (growth, share) = (requirements.growth, case.warp.share);
-    match case.warp.recovery {
-        Some(point) if !requirements.keeps_digits(point) => Error::Recovery {
-            point,
-            highest: requirements.highest_point(),
-            tolerance: case.tolerance,
-        },
-        _ => match Profile::smallest_tolerance(&case.warp.choice(), requirements) {
-            Some(smallest) if smallest * ratio / share <= LARGEST_TOLERANCE => Error::Tolerance {
-                place: case.tolerance_place.clone(),
-                tolerance: case.tolerance,
-                smallest: round_up(smallest * ratio / share),
-                ratio,
-                growth,
-            },
-            _ => Error::Growth { ratio, growth },
-        },
-    }
-}
-
-fn length(requirements: &ProfileRequirements) -> f64 {
-    requirements.interval.map_or(0.0, |[lower, upper]| upper - lower)
-}
-
-/// `x > 0` rounded up to two digits.
-fn round_up(x: f64) -> f64 {
-    let unit = 10f64.powi(x.log10().floor() as i32 - 1);
-    (x / unit * (1.0 + 1e-9)).ceil() * unit
-}
-
-/// The warning for a number of points that is too small for the tolerance. It is no error, since
-/// studies of convergence in `N_p` need such runs.
-fn too_few(
-    requirements: &ProfileRequirements,
-    shape: &dyn ProfileShape,
-    window: &Window,
-    period: f64,
-    points: usize,
-) -> Option<String> {
-    // The omitted modes and, for samples, their aliases; relative to the state.
-    let folded = if requirements.sampled { 0.5 / SAMPLED_TRUNCATION } else { 1.0 };
-    let tail = shape.tail(PI * points as f64 / period, window.distance.max(0.0));
-    let bound = folded * window.point.exp() * tail;
-    let needed = 2.0 * (0.5 * window.cutoff * period / PI).ceil();
-    (bound > requirements.tolerance).then(|| {
-        format!(
-            "solver.warp.points = {points}: the modes left out may add {bound:.1e} of the state, \
-            the tolerance allows {:.1e}; \
-             {needed} points do",
-            requirements.tolerance
-        )
-    })
-}
-
-/// The reading at `p◇` and the one above it for the error estimate; both within an interval given
-/// by hand.
-fn readings(case: &Case, window: &Window, interval: [f64; 2], apart: f64) -> Vec<Reading> {
-    let room =
-        if case.warp.interval.is_some() { interval[1] - window.point } else { f64::INFINITY };
-    let width = width(&case.warp).min(0.5 * room);
-    let second = apart.min(0.5 * room);
-    (0..case.recovery_points)
-        .map(|k| Reading {
-            method: case.warp.recovery_method,
-            point: window.point + k as f64 * second,
-            width,
-        })
-        .collect()
-}
-
-/// The readings, and the relation of their distance to the error.
-struct ErrorEstimator {
-    readings: Vec<Reading>,
-    /// The part of the error that the distance shows.
-    efficiency: f64,
-    /// Bound, for any state, on the factor by which that part may deviate.
-    doubt: f64,
-}
-
-/// The readings of a series with an oscillating error. The second is placed where their distance
-/// shows about the same part of the error for any state.
-fn most_alike(
-    series: &Series,
-    spectrum: [f64; 2],
-    at: impl Fn(f64) -> Vec<Reading>,
-) -> ErrorEstimator {
-    /// Number of points tried: the last is [`SECOND_POINT`] above the first reading, the first half
-    /// as far (closer ones share too much of the error).
-    const TRIED: u32 = 16;
-    let candidates = (TRIED / 2..=TRIED).map(|i| {
-        let readings = at(SECOND_POINT * f64::from(i) / f64::from(TRIED));
-        let [least, largest] = visible_error_parts(series, [&readings[0], &readings[1]], spectrum);
-        (readings, least, largest)
-    });
-    let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
-    let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
-    let (readings, least, largest) = best.unwrap_or_else(|| (at(SECOND_POINT), 1.0, f64::INFINITY));
-    ErrorEstimator {
-        readings,
-        efficiency: (least * largest).sqrt(),
-        doubt: (largest / least).sqrt(),
-    }
-}
-
-fn moved(mut readings: Vec<Reading>, distance: f64) -> Vec<Reading> {
-    readings.iter_mut().for_each(|r| r.point += distance);
-    readings
-}
-
-/// The readings of the plateau, equally spaced.
-fn plateau(case: &Case, window: &Window, interval: [f64; 2], width: f64) -> Vec<Reading> {
-    let Some(plateau) = &case.plateau else {
-        return Vec::new();
-    };
-    let from = plateau.from.unwrap_or((window.point - PLATEAU).max(interval[0]));
-    let to = plateau.to.unwrap_or((window.point + PLATEAU).min(interval[1]).max(from));
-    (0..plateau.points)
-        .map(|k| Reading {
-            method: case.warp.recovery_method,
-            point: from + (to - from) * k as f64 / (plateau.points - 1) as f64,
-            width,
-        })
-        .collect()
 }

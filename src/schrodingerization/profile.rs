@@ -135,7 +135,7 @@ impl Profile {
         requirements: &ProfileRequirements,
     ) -> Option<f64> {
         let met = |tolerance: f64| {
-            let requirements = ProfileRequirements { tolerance, ..*requirements };
+            let requirements = requirements.with_tolerance(tolerance);
             Self::possible(choice, &requirements)
         };
         let (low, high) = (1e-16f64.ln(), 0.1f64.ln());

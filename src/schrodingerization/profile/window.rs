@@ -55,6 +55,21 @@ impl ProfileRequirements {
         }
     }
 
+    /// These requirements with this decay.
+    pub fn with_decay(&self, decay: f64) -> Self {
+        Self { decay, ..*self }
+    }
+
+    /// These requirements with this tolerance.
+    pub fn with_tolerance(&self, tolerance: f64) -> Self {
+        Self { tolerance, ..*self }
+    }
+
+    /// These requirements without an interval given by hand, for the shortest period.
+    pub fn in_any_interval(&self) -> Self {
+        Self { interval: None, shortest: true, ..*self }
+    }
+
     /// The quantity that a plan minimises: the cost of a run, or the period.
     pub fn rank(&self, &Window { period, cutoff, .. }: &Window) -> f64 {
         if self.shortest { period } else { period * cutoff * (cutoff + 1.0) }
