@@ -409,7 +409,7 @@ fn quadratic_potentials_are_exact() {
                 let case = on(cells);
                 let mut tracer = Tracer::new(&case).expect("V is finite");
                 assert!(
-                    tracer.space.space_cells() <= (2 * cells).pow(n as u32),
+                    tracer.flow.space.space_cells() <= (2 * cells).pow(n as u32),
                     "{potential} {cells}"
                 );
                 if is_forward {
@@ -623,7 +623,7 @@ fn blocks_are_crossed_as_cell_by_cell() {
         let mut fast = tracer(case);
         fast.lines.clear();
         let mut slow = fast.clone();
-        slow.free.fill(0);
+        slow.flow.free.fill(0);
         for point in spread(&case.space, 2000, 1.0) {
             let (fast, slow) = (fast.foot(&point, 2.1), slow.foot(&point, 2.1));
             let error = distance(&fast.point, &slow.point).max((fast.entry - slow.entry).abs());
@@ -631,7 +631,7 @@ fn blocks_are_crossed_as_cell_by_cell() {
         }
     }
     // The widest block around the middle of five cells before the one that touches the jump.
-    assert_eq!(tracer(&step_down(8, 8)).free, [2, 1, 0, 0, 0, 0, 1, 2]);
+    assert_eq!(tracer(&step_down(8, 8)).flow.free, [2, 1, 0, 0, 0, 0, 1, 2]);
 }
 
 /// Along one axis: through flat parts, slopes, wells in which particles turn around, jumps that
@@ -669,7 +669,7 @@ fn lines_against_whole_paths(case: &Case) -> usize {
             let off = distance(&foot.point, &expected.point);
             let off = off.max((foot.entry - expected.entry).abs());
             assert!(off < 1e-8, "{point:?} {time}: {foot:?} {expected:?} {}", case.text);
-            let start = tracer.start(&point).expect("in the box");
+            let start = tracer.flow.start(&point).expect("in the box");
             by_line += usize::from(tracer.along_line(&start, 0, time).is_some());
         }
     }
@@ -737,11 +737,11 @@ fn a_face_belongs_to_the_cell_above_it() {
     for cells in [7, 37, 38, 1000] {
         let case = case(1, (-0.3, 1.7, cells), (-1.0, 1.0, 2), &[("", "0")], "0", "0");
         let tracer = tracer(&case);
-        for (i, &face) in tracer.faces[0].iter().enumerate() {
-            assert_eq!(tracer.cell_at(0, face), i.min(cells - 1), "{cells}");
+        for (i, &face) in tracer.flow.faces[0].iter().enumerate() {
+            assert_eq!(tracer.flow.cell_at(0, face), i.min(cells - 1), "{cells}");
         }
         for i in 0..cells {
-            assert_eq!(tracer.cell_at(0, case.space.x[0].centre(i as i64)), i);
+            assert_eq!(tracer.flow.cell_at(0, case.space.x[0].centre(i as i64)), i);
         }
     }
     // The end of this box and its first face differ by round-off; a particle pushed out there came
@@ -759,7 +759,7 @@ fn the_scheme_has_the_same_sources() {
     for (left, right) in [("0.2", "0"), ("0", "0.2"), ("0.3", "0.3125")] {
         let case = telltale(v_box, &[("x < 0", left), ("", right)]);
         let (tracer, axis) = (tracer(&case), &case.space.v[0]);
-        let up = tracer.potential.linear.jump_below(&[15], 0);
+        let up = tracer.flow.potential.linear.jump_below(&[15], 0);
         for j in 0..axis.cells as i64 {
             // A particle that has just left the face x = 0.
             let v = axis.centre(j);
@@ -849,7 +849,7 @@ fn corners_and_diagonals() {
     // Along the diagonal of the grid, through a corner of every cell.
     let open = case(3, axis, axis, &[("", "0")], "0", "0");
     let mut tracer = tracer(&open);
-    tracer.free.fill(0);
+    tracer.flow.free.fill(0);
     let foot = tracer.foot(&[1.25, 1.25, -1.25, 1.2, 1.2, -1.2], 2.0);
     let expected = [-1.15, -1.15, 1.15, 1.2, 1.2, -1.2];
     assert!(distance(&foot.point, &expected) < 1e-12, "{foot:?}");
