@@ -12,21 +12,28 @@
 //! Functions of these modules fail with [`Error::Case`]: file, line, key, value and limit.
 //!
 //! A key of the case file is a field of its section's table, with its default in the table's
-//! `Default` and its check in the table's `check`: `constants`, `axes`, `data`, `solver`, `warp`,
-//! `output`, `readout`. Limits are in [`limits`](crate::problem::limits).
+//! `Default` and its check in the table's `check`: `constants`, `axes`, `potential`, `initial`,
+//! `inflow`, `exact`, `solver`, `warp`, `output`, `readout`. Limits are in
+//! [`limits`](crate::problem::limits).
 
 pub(crate) mod alpha;
 pub(crate) mod axes;
 pub(crate) mod conflict;
 pub(crate) mod constants;
-pub(crate) mod data;
+mod coordinates;
+mod data_files;
 mod degrees;
+mod exact;
 pub(crate) mod file;
+mod inflow;
+mod initial;
 pub(crate) mod keys;
 pub(crate) mod output;
 mod overridden;
+mod potential;
 pub(crate) mod reader;
 pub(crate) mod readout;
+mod result_origin;
 pub(crate) mod settings;
 pub(crate) mod solver;
 mod validate;
@@ -34,13 +41,16 @@ pub(crate) mod warp;
 
 pub use crate::problem::case::alpha::{Alpha, DEFAULT_ALPHA};
 pub use crate::problem::case::axes::DEGREE_KEY;
-pub use crate::problem::case::data::{
-    Data, Exact, ExactTimes, GridErrorPair, Inflow, LiouvilleField, MOST_FIELDS, Region,
-    ResultOrigin, StartField, TIME, TableFile, TableOf, WarpedStart,
-};
+pub use crate::problem::case::coordinates::TIME;
+pub use crate::problem::case::data_files::{StartField, TableFile, TableOf, WarpedStart};
+pub use crate::problem::case::exact::{Exact, ExactTimes};
+pub use crate::problem::case::inflow::Inflow;
+pub use crate::problem::case::initial::{Data, LiouvilleField, MOST_FIELDS};
 pub use crate::problem::case::keys::ValueKind;
 pub use crate::problem::case::output::{DeltaWidth, IdleInterval, OutputTime, Plateau, Storage};
+pub use crate::problem::case::potential::Region;
 pub use crate::problem::case::readout::{MeasurementEffort, ReadoutSettings};
+pub use crate::problem::case::result_origin::{GridErrorPair, ResultOrigin};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
     AllowedReductions, DEFAULT_CFL, DEFAULT_FLUX, EndFlux, Integrator, Interface, Limiter, Method,
@@ -55,9 +65,12 @@ pub use crate::problem::limits::LARGEST_TOLERANCE;
 use crate::base::error::{Error, Result};
 use crate::problem::case::axes::AxisPair;
 use crate::problem::case::constants::ConstantsTable;
-use crate::problem::case::data::{ExactTable, InflowTable, InitialTable, RegionTable};
+use crate::problem::case::exact::ExactTable;
 use crate::problem::case::file::CaseFile;
+use crate::problem::case::inflow::InflowTable;
+use crate::problem::case::initial::InitialTable;
 use crate::problem::case::output::OutputTable;
+use crate::problem::case::potential::RegionTable;
 use crate::problem::case::reader::List;
 use crate::problem::case::readout::ReadoutTable;
 use crate::problem::case::solver::{CheckpointTable, SchemeTable, SolverTable, TimeTable};
@@ -250,7 +263,7 @@ impl Case {
         let space = axes::space(file, &tables.axis.0, tables.scheme.degree)?;
         let degree = space.degree();
         let n = space.dimension();
-        let potential = data::potential(file, &tables.potential.0, n)?;
+        let potential = potential::regions(file, &tables.potential.0, n)?;
         let reflects = potential.iter().any(|region| region.reflection.is_some());
         let (data, fields) = tables.initial.check(file, n, &tables.inflow)?;
         let Range { start: start_time, end } = tables.time.check(file)?;
@@ -261,7 +274,7 @@ impl Case {
         let warped_start = tables.initial.warped_start(file)?;
         let start_field = tables.initial.field(file, &data)?;
         let regions = &tables.potential.0;
-        let files = data::tables(file, regions, &tables.initial, &tables.inflow, n)?;
+        let files = table_files(file, regions, &tables.initial, &tables.inflow, n)?;
         let times = output.times(file, start_time..end, warped_start.is_none())?;
         Ok(Self {
             name: file.name.to_owned(),
@@ -499,6 +512,19 @@ impl Case {
     pub fn varies(&self) -> bool {
         self.fields.iter().any(LiouvilleField::varies)
     }
+}
+
+/// The table files that a case in `n` dimensions names.
+fn table_files(
+    file: &CaseFile<'_>,
+    potential: &[RegionTable],
+    initial: &InitialTable,
+    inflow: &InflowTable,
+    n: usize,
+) -> Result<Vec<TableFile>> {
+    let regions = (0..).zip(potential).map(|(i, region)| region.table(file, i, n));
+    let all = [initial.table(file, n), inflow.table(file, n)].into_iter().chain(regions);
+    all.filter_map(Result::transpose).collect()
 }
 
 /// The text of a case file.

@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::case::conflict::Conflict;
-use crate::problem::case::data::Exact;
+use crate::problem::case::exact::Exact;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::solver::{Integrator, Limiter, Method};
 use crate::problem::case::warp::{Coefficients, Delta, Embedding, ProfileChoice, Shift};

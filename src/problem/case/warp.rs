@@ -2,8 +2,8 @@
 
 use crate::base::error::Result;
 use crate::problem::case::alpha::Alpha;
-use crate::problem::case::data::LiouvilleField;
 use crate::problem::case::file::CaseFile;
+use crate::problem::case::initial::LiouvilleField;
 use crate::problem::case::reader::{Formula, List, NumberOr, Words};
 use crate::problem::limits::{
     BETAS, LARGEST_INTERVAL_END, LARGEST_NUMBER, LARGEST_RECOVERY, LARGEST_SHIFT, LOW_SOMMA_POINTS,
