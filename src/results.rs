@@ -2,11 +2,13 @@
 //! for other programs (`fields.xdmf`, and a file for each grid).
 //!
 //! [`dataset::Results`] is the content of `result.h5`, [`summary::Summary`] that of `summary.json`.
+//! `judgement` compares its errors with the goals of the case.
 //!
 //! Uses: quantum, solve, and every module below. Paper: the figures and tables of section 8.
 
 pub mod accuracy;
 pub mod averages;
+pub mod continued_result;
 pub mod dataset;
 pub mod draw;
 pub mod fields;
@@ -15,6 +17,7 @@ pub mod file_checksums;
 pub mod finished;
 pub mod grids;
 pub mod history;
+mod judgement;
 pub mod ledger;
 pub mod movie;
 pub mod pictures;
@@ -27,6 +30,7 @@ pub mod start_field;
 pub mod summary;
 pub mod table_file;
 pub mod untrusted;
+pub mod verdict;
 pub mod views;
 pub mod warped;
 pub mod writer;

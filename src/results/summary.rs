@@ -2,17 +2,16 @@
 
 use crate::base::checksum::{self, FileChecksums};
 use crate::base::disk::{self, failure};
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
 use crate::base::log::eprint_wrapped;
-use crate::base::text::GRID_ERROR;
-use crate::problem::case::{Case, Data, Interface, Method};
+use crate::problem::case::{Interface, Method};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::Readout;
-use crate::results::accuracy::{
-    Accuracy, EstimatedErrors, GridErrorPair, STAIRCASE, hides_staircase, is_large,
-};
+use crate::results::accuracy::Accuracy;
+use crate::results::continued_result::ContinuedResult;
 use crate::results::ledger::Ledger;
-use serde::{Deserialize, Serialize};
+use crate::results::verdict::{MissedGoals, Verdict};
+use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -75,172 +74,10 @@ pub struct GridErrors {
     pub exact_mass: Option<f64>,
 }
 
-/// The goals that a run misses, a sentence for each; `None` for a goal that is met or unknown.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct MissedGoals {
-    /// `solver.tolerance`, by the run's own error: the measured one, else the estimate if that is
-    /// reliable or far above the tolerance.
-    pub tolerance: Option<String>,
-    /// `solver.accuracy`.
-    pub accuracy: Option<String>,
-}
-
 /// A density below this part of `∫ |f|` is zero up to round-off.
 const CANCELLED: f64 = 1e-8;
-/// The algorithm's error is most of a measured one from this part on.
-const LARGE_PART: f64 = 0.5;
 /// Largest error of the exact density, relative to the run's error, without a warning.
 const LARGEST_EXACT_ERROR: f64 = 0.25;
-/// An estimate that is not reliable counts as missed from this ratio to the tolerance on: more than
-/// such estimates are off (docs/verification.md).
-pub const FAR_ABOVE: f64 = 10.0;
-
-impl MissedGoals {
-    /// The goals that the run of `case` misses, by the errors of its summary.
-    pub fn new(case: &Case, summary: &Summary) -> Self {
-        let is_far =
-            |error: f64| !summary.hidden_by_round_off && error > FAR_ABOVE * case.tolerance;
-        let estimate = summary.error_estimate.and_then(|error| {
-            if summary.error_estimate_reliable {
-                Some((error, "estimated"))
-            } else {
-                is_far(error).then_some((error, "roughly estimated"))
-            }
-        });
-        let measured = summary.error_semidiscrete.map(|error| (error, "measured"));
-        let own = measured.or(estimate);
-        let tolerance = (own.filter(|_| case.method == Method::Schrodingerized))
-            .filter(|(error, _)| *error > case.tolerance)
-            .map(|(error, how)| {
-                format!("tolerance {:e} MISSED: {error:.2e} ({how}, relative l2)", case.tolerance)
-            });
-        let density = summary.accuracy.goal_error.zip(case.accuracy);
-        let missed = density.filter(|(error, goal)| error > goal).map(|(error, goal)| {
-            format!("accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1)")
-        });
-        let shown = summary.accuracy.particles.density.zip(case.accuracy);
-        let shown = shown.filter(|(error, goal)| density.is_none() && error > goal);
-        let missed = missed.or(shown.map(|(error, goal)| {
-            format!(
-                "accuracy {goal:e} of the density MISSED: {error:.2e} (relative L1, shown by \
-                 particles)"
-            )
-        }));
-        let unknown = case.accuracy.filter(|_| summary.accuracy.staircase).map(|goal| {
-            format!(
-                "accuracy {goal:e} of the density NOT SHOWN: an edge of V is not along the axes"
-            )
-        });
-        let accuracy = missed.or(unknown);
-        Self { tolerance, accuracy }
-    }
-
-    /// The sentences about missed goals; `None` if no goal is missed.
-    pub fn line(&self) -> Option<String> {
-        let both: Vec<&str> = self.tolerance.iter().chain(&self.accuracy).map(|s| &**s).collect();
-        (!both.is_empty()).then(|| both.join("; "))
-    }
-
-    /// Refuses missed goals if `strict` (`solver.strict`).
-    ///
-    /// # Errors
-    /// [`Error::Missed`].
-    pub fn refuse(&self, strict: bool) -> Result<()> {
-        self.line().filter(|_| strict).map_or(Ok(()), |line| Err(Error::Missed(line)))
-    }
-}
-
-/// The errors of a run in a word: the first that applies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Verdict {
-    /// The tolerance or the accuracy is missed, or the latter is not shown; or the error of a
-    /// continued run since time 0 is far above the tolerance.
-    Missed,
-    /// An edge of `V` is not along the axes, and the errors leave out what that adds.
-    Staircase,
-    /// The grid's error is large, or far larger than the algorithm's.
-    UnderResolved,
-    /// An error is not known, that of the grid is hidden by that of the algorithm, or a bound on
-    /// that of a continued run is above the tolerance.
-    Unknown,
-    /// None of these.
-    Resolved,
-}
-
-impl Verdict {
-    fn of(missed: &MissedGoals, accuracy: &Accuracy, continued: Option<&ContinuedResult>) -> Self {
-        let ratio = accuracy.ratio_to_tolerance();
-        let hidden = accuracy.includes_algorithm && accuracy.is_large_for_its_goals();
-        let unknown_before = continued.is_some_and(|before| {
-            before.leaves_grid_unknown(accuracy) || before.error_total.is_none()
-        });
-        if missed.line().is_some() || ratio > FAR_ABOVE {
-            Self::Missed
-        } else if accuracy.staircase {
-            Self::Staircase
-        } else if accuracy.under_resolved {
-            Self::UnderResolved
-        } else if accuracy.unknown.is_some() || hidden || unknown_before || ratio > 1.0 {
-            Self::Unknown
-        } else {
-            Self::Resolved
-        }
-    }
-}
-
-/// The result from which a run continued (`initial.field`), and the error of both parts.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ContinuedResult {
-    /// Path of the file from which the run continued.
-    pub file: String,
-    /// Checksum of its `/f`, as result files write it.
-    pub checksum: String,
-    /// The time of that result, at which the run began.
-    pub time: f64,
-    /// Relative l2 distance of its `f` to the semi-discrete solution since time 0, if known.
-    pub error: Option<f64>,
-    /// Bound on the effect of that error at the end, relative to the result at the end.
-    pub error_inherited: Option<f64>,
-    /// The inherited error plus the run's own, which is measured, or else estimated if that is
-    /// reliable.
-    pub error_total: Option<f64>,
-    /// The grid's errors of that result: that of `f` relative to `f` at the end of the run, which
-    /// is as large as it if nothing enters or leaves.
-    #[serde(default)]
-    pub grid: GridErrorPair,
-}
-
-impl ContinuedResult {
-    /// Whether the grid's error of the run is unknown, as that of the first part is.
-    pub fn leaves_grid_unknown(&self, accuracy: &Accuracy) -> bool {
-        self.grid == GridErrorPair::default() && !accuracy.grid_measured
-    }
-
-    /// The errors of the earlier parts as text, for the closing line.
-    pub fn line(&self) -> String {
-        let begin = self.time;
-        let of_algorithm = match (self.error_inherited, self.error_total) {
-            (Some(inherited), Some(total)) => format!(
-                "error since t = 0: at most {total:.1e}, of which {inherited:.1e} are inherited \
-                 from before t = {begin}"
-            ),
-            (Some(inherited), None) => {
-                format!("error inherited from before t = {begin}: at most {inherited:.1e}")
-            }
-            (None, _) => format!(
-                "error inherited from before t = {begin}: not known, and not part of any estimate"
-            ),
-        };
-        if self.grid != GridErrorPair::default() {
-            return of_algorithm;
-        }
-        format!(
-            "{of_algorithm}; {GRID_ERROR} before t = {begin}: not known, and not part of any \
-             estimate"
-        )
-    }
-}
 
 /// The numbers of a finished run. Unknown numbers are `null`, never zero.
 #[derive(Clone, Debug, Default, Serialize)]
@@ -442,124 +279,6 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Sets accuracy and missed goals once all other numbers are known. `estimated` are the grid's
-    /// estimated errors.
-    pub fn judge(&mut self, case: &Case, estimated: EstimatedErrors) {
-        self.set_accuracy(case, estimated);
-        self.set_advice(case);
-        let continued = self.continued.as_ref();
-        self.verdict = Some(Verdict::of(&self.missed, &self.accuracy, continued));
-    }
-
-    /// Sets the errors, and the goals that are missed.
-    fn set_accuracy(&mut self, case: &Case, estimated: EstimatedErrors) {
-        let measured = GridErrorPair {
-            field: self.error_l2_relative,
-            density: self.error_density_l2_relative,
-        };
-        let is_planned = case.method == Method::Schrodingerized && !self.inflow_jumps;
-        let asked = is_planned.then_some(case.tolerance);
-        let own = self.own_error();
-        let algorithm = self.continued.as_ref().map_or(own, |continued| continued.error_total);
-        let start_error = self.start_error;
-        let planned = |asked: f64| match start_error {
-            None => format!("not estimated (planned within {asked:e})"),
-            Some(start) => format!(
-                "not estimated (up to {start:.1e} by initial.warped, and planned within {asked:e} \
-                 from there)"
-            ),
-        };
-        let inherited = self.continued.as_ref().map(|continued| continued.error_inherited);
-        let algorithm_unknown = match (algorithm, own, &self.continued) {
-            (Some(_), ..) => None,
-            (None, own, Some(continued)) => {
-                let before = inherited.flatten().map(|error| format!("at most {error:.1e}"));
-                let before = before.unwrap_or_else(|| "not known".to_owned());
-                let since = own.map(|own| format!("{own:.1e}")).or(asked.map(planned));
-                let since = since.map_or(String::new(), |since| format!(", {since} since then"));
-                Some(format!("{before} from before t = {}{since}", continued.time))
-            }
-            _ => asked.map(planned),
-        };
-        let accuracy = Accuracy {
-            asked,
-            goal: case.accuracy,
-            goal_error: self.accuracy.goal_error,
-            goal_estimate: case.expected_error,
-            algorithm,
-            algorithm_unknown,
-            staircase: hides_staircase(case),
-            particles: self.accuracy.particles,
-            inherited: self.continued.as_ref().map_or(GridErrorPair::default(), |c| c.grid),
-            ..Accuracy::default()
-        };
-        let estimated = estimated.within(accuracy.particles);
-        self.accuracy = accuracy.with_grid(measured, estimated);
-        if case.space.whole_degree() > 0 {
-            self.accuracy.count_smeared_density();
-        }
-        self.missed = MissedGoals::new(case, self);
-        let rough = self.error_estimate.filter(|_| self.missed.tolerance.is_some());
-        let accuracy = &mut self.accuracy;
-        let measured = accuracy.grid.or(accuracy.grid_density).filter(|_| accuracy.grid_measured);
-        let known = [accuracy.algorithm, own, rough, inherited.flatten()];
-        let of_algorithm = known.into_iter().flatten().reduce(f64::max);
-        accuracy.includes_algorithm =
-            of_algorithm.zip(measured).is_some_and(|(part, all)| part > LARGE_PART * all);
-    }
-
-    /// Sets what would help, and what is not known.
-    fn set_advice(&mut self, case: &Case) {
-        let accuracy = &mut self.accuracy;
-        let expected = accuracy.goal_estimate.into_iter().chain(accuracy.particles.density);
-        let of_density = accuracy.goal_error.or(expected.reduce(f64::max));
-        if let Some((error, goal)) = of_density.zip(accuracy.goal) {
-            accuracy.under_resolved = error > goal;
-        }
-        if accuracy.includes_algorithm {
-            // The line about a missed tolerance says it all.
-            accuracy.under_resolved = accuracy.is_coarse() && self.missed.tolerance.is_none();
-            let knob = match (case.method, self.step_error, &self.continued) {
-                (Method::Classical, ..) => "a smaller solver.classical.cfl",
-                (_, Some(_), _) => "a shorter solver.propagator.step",
-                (_, None, Some(_)) => "a smaller solver.tolerance, also of the first part,",
-                (_, None, None) => "a smaller solver.tolerance",
-            };
-            if accuracy.is_large_for_its_goals() {
-                let advice = format!("most of it is the algorithm's: {knob} lowers it");
-                accuracy.advice = Some(advice);
-            }
-        } else if accuracy.staircase {
-            let more = accuracy.under_resolved.then(|| accuracy.remedy(case));
-            let more = more.map_or(String::new(), |advice| format!("; for the rest, {advice}"));
-            accuracy.advice = Some(format!("{STAIRCASE}{more}"));
-        } else if accuracy.under_resolved {
-            accuracy.advice = Some(accuracy.remedy(case));
-        } else if accuracy.grid.is_none()
-            && accuracy.grid_density.is_none()
-            && (self.minimum != 0.0 || self.maximum != 0.0)
-        {
-            let why = match case.data {
-                Data::Density => "jumps of V or ends of the box are nearly everywhere",
-                Data::Measure { .. } => "there is no estimate for measure-valued data",
-            };
-            let small = "; particles of the exact flow show no error of the density above a tenth";
-            let small = accuracy.particles.density.map_or("", |_| small);
-            let measured = "; [exact] kind = \"characteristics\" measures it";
-            let measured =
-                if case.reflects() || case.warped_start.is_some() { "" } else { measured };
-            accuracy.unknown = Some(format!("{why}{small}{measured}"));
-        } else if of_density.is_some() && accuracy.grid.is_some_and(is_large) {
-            let what = match accuracy.goal_error {
-                Some(_) => "the accuracy of the density is met, but f needs a finer grid",
-                None => {
-                    "the trial runs expect the density to meet its accuracy; f needs a finer grid"
-                }
-            };
-            accuracy.advice = Some(what.to_owned());
-        }
-    }
-
     /// The error of the run's own algorithm: measured, else estimated if that is reliable.
     pub fn own_error(&self) -> Option<f64> {
         let estimate = self.error_estimate.filter(|_| self.error_estimate_reliable);
@@ -657,7 +376,7 @@ fn checksum_of(summary: &Value) -> serde_json::Result<String> {
 /// Reads the summary in `directory`. Only one rank calls it.
 ///
 /// # Errors
-/// [`Error::Output`] if it cannot be read, or was changed after it was written.
+/// [`crate::base::error::Error::Output`] if it cannot be read, or was changed after it was written.
 pub fn read(directory: &Path) -> Result<Value> {
     let path = directory.join(NAME);
     parse(&disk::read_text(&path)?).ok_or_else(|| failure(&path, &"is not as it was written"))
@@ -678,7 +397,6 @@ fn parse(text: &str) -> Option<Value> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::accuracy::ParticleErrors;
 
     #[test]
     fn a_summary_knows_its_changes() {
@@ -695,40 +413,6 @@ mod tests {
         assert!(parse("{}").is_some() && parse("[]").is_none());
     }
 
-    #[test]
-    fn a_verdict_is_the_first_that_applies() {
-        let missed = MissedGoals { tolerance: Some("MISSED".to_owned()), accuracy: None };
-        let good = Accuracy { asked: Some(1e-6), algorithm: Some(1e-7), ..Accuracy::default() };
-        let measured = GridErrorPair { field: Some(1e-7), density: None };
-        let good = good.with_grid(measured, GridErrorPair::default());
-        let error = |algorithm: f64| Accuracy { algorithm: Some(algorithm), ..good.clone() };
-        let hidden = Accuracy { includes_algorithm: true, ..error(2e-6) };
-        for (accuracy, expected) in [
-            (good.clone(), Verdict::Resolved),
-            (Accuracy { includes_algorithm: true, ..good.clone() }, Verdict::Resolved),
-            (hidden, Verdict::Unknown),
-            (error(2e-6), Verdict::Unknown),
-            (error(2e-5), Verdict::Missed),
-            (Accuracy { unknown: Some("why".to_owned()), ..good.clone() }, Verdict::Unknown),
-            (Accuracy { under_resolved: true, ..good.clone() }, Verdict::UnderResolved),
-            (Accuracy { staircase: true, ..good.clone() }, Verdict::Staircase),
-        ] {
-            assert_eq!(Verdict::of(&MissedGoals::default(), &accuracy, None), expected);
-            assert_eq!(Verdict::of(&missed, &accuracy, None), Verdict::Missed);
-        }
-        let before = ContinuedResult {
-            file: String::new(),
-            checksum: String::new(),
-            time: 0.5,
-            error: None,
-            error_inherited: None,
-            error_total: None,
-            grid: GridErrorPair::default(),
-        };
-        let verdict = Verdict::of(&MissedGoals::default(), &good, Some(&before));
-        assert_eq!(verdict, Verdict::Unknown);
-    }
-
     /// A warning compares the error of the exact `f` with the error that it measures.
     #[test]
     fn an_inexact_solution_is_warned_of() {
@@ -740,29 +424,5 @@ mod tests {
         let text = warned(Some(5e-4)).expect("a warning");
         assert!(text.starts_with("the exact f is known to 5e-4 only"), "{text}");
         assert_eq!([warned(Some(1e-4)), warned(None)], [None, None]);
-    }
-
-    /// A goal without an exact solution is missed if particles show a larger error of the density,
-    /// and not by a smaller one, nor against a measured error.
-    #[test]
-    fn particles_refute_a_goal() {
-        let text = "[[axis]]\nx = { lower = 0, upper = 1, cells = 8 }\n\
-                    v = { lower = -1, upper = 1, cells = 8 }\n[[potential]]\nvalue = \"0\"\n\
-                    [initial]\nf = \"1\"\n[time]\nend = 1\n[solver]\naccuracy = 1e-2\n";
-        let case = Case::parse("test", text, &[]).expect("a case");
-        let judged = |shown: f64, measured: Option<f64>| {
-            let particles = ParticleErrors { density: Some(shown), ..ParticleErrors::default() };
-            let accuracy = Accuracy { particles, goal_error: measured, ..Accuracy::default() };
-            let mut summary = Summary { accuracy, ..Summary::default() };
-            let grid = GridErrorPair { field: Some(1e-3), density: Some(1e-3) };
-            summary.judge(&case, EstimatedErrors { grid, density_shown: None });
-            (summary.missed.accuracy, summary.accuracy.under_resolved)
-        };
-        let (missed, under_resolved) = judged(0.2, None);
-        let missed = missed.expect("missed");
-        assert!(missed.contains("MISSED: 2.00e-1 (relative L1, shown by particles)"), "{missed}");
-        assert!(under_resolved);
-        assert_eq!(judged(5e-3, None), (None, false));
-        assert_eq!(judged(0.2, Some(5e-3)), (None, false));
     }
 }

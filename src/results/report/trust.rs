@@ -2,9 +2,10 @@
 
 use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, counted, percent, sentence, short};
 use crate::results::accuracy::Accuracy;
+use crate::results::continued_result::ContinuedResult;
 use crate::results::ledger::Ledger;
 use crate::results::report::html::Text;
-use crate::results::summary::{ContinuedResult, FAR_ABOVE, MissedGoals};
+use crate::results::verdict::{FAR_ABOVE, MissedGoals};
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::Value;
