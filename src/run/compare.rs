@@ -258,11 +258,11 @@ fn of_readings(
         largest_ratio = largest_ratio.max(ratio);
         if let Some(second) = readings.get(1) {
             // The efficiency corrects for the part of the error that both readings share.
-            let estimate = norms.distance(second) / warp.estimator_efficiency;
+            let estimate = norms.distance(second) / warp.estimator_quality.efficiency;
             let amplification: f64 =
                 (warp.readings[..2].iter()).map(|r| warp.amplification(r)).sum();
             let noise = round_off(plan.steps) * amplification * ratio;
-            let round_off = ROUND_OFF_MARGIN * noise / warp.estimator_efficiency;
+            let round_off = ROUND_OFF_MARGIN * noise / warp.estimator_quality.efficiency;
             summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
             if found.is_none_or(|(e, _)| estimate > e) {
                 found = Some((estimate, round_off));

@@ -22,7 +22,8 @@ use crate::schrodingerization::placement::warnings::{much_growth, recovery_is_lo
 use crate::schrodingerization::profile::constant::Constant;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::{
-    PlacedProfile, Profile, ProfileForm, ProfileRequirements, ProfileShape, Window,
+    EstimatorQuality, PlacedProfile, Profile, ProfileForm, ProfileRequirements, ProfileShape,
+    Window,
 };
 use crate::schrodingerization::recovery::Reading;
 
@@ -33,8 +34,7 @@ pub(crate) struct Placement {
     pub interval: [f64; 2],
     pub readings: Vec<Reading>,
     pub plateau: Vec<Reading>,
-    pub estimator_efficiency: f64,
-    pub estimator_doubt: f64,
+    pub quality: EstimatorQuality,
     pub warnings: Vec<String>,
 }
 
@@ -75,11 +75,10 @@ pub(crate) fn plan_placement(case: &Case, bounds: &Bounds, ratio: f64) -> Result
     let shift = shift(case, bounds);
     let fixed = warp.interval.is_some() || requirements.sampled;
     let at = |apart| readings(case, &window, interval, apart);
-    let ErrorEstimator { readings, efficiency, doubt } =
+    let ErrorEstimator { readings, quality } =
         error_estimator(case, &series, [shift, requirements.decay], at);
     Ok(Placement {
-        estimator_efficiency: efficiency,
-        estimator_doubt: doubt,
+        quality,
         plateau: moved(plateau(case, &window, interval, readings[0].width), shift),
         profile: Some(profile),
         series,
@@ -166,8 +165,7 @@ fn one_mode() -> Placement {
         profile: Some(profile.into()),
         readings: vec![Reading { method: RecoveryMethod::Point, point: 0.0, width: 0.0 }],
         plateau: Vec::new(),
-        estimator_efficiency: 1.0,
-        estimator_doubt: f64::INFINITY,
+        quality: EstimatorQuality::UNKNOWN,
         warnings: Vec::new(),
     }
 }
@@ -199,8 +197,7 @@ fn from_file(case: &Case, bounds: &Bounds, interval: [f64; 2], points: usize) ->
         Window { point, distance: point - growth, period, cutoff: series.wavenumber(points / 2) };
     let readings = readings(case, &window, interval, SECOND_POINT);
     Ok(Placement {
-        estimator_efficiency: 1.0,
-        estimator_doubt: f64::INFINITY,
+        quality: EstimatorQuality::UNKNOWN,
         plateau: plateau(case, &window, interval, readings[0].width),
         warnings: vec![format!(
             "initial.warped: f is e^p w read at p = {point:.4}, which is right where w(0) is \

@@ -27,7 +27,9 @@ pub mod shape;
 pub mod smooth;
 pub mod window;
 
-pub use crate::schrodingerization::profile::shape::{Planned, ProfileForm, ProfileShape};
+pub use crate::schrodingerization::profile::shape::{
+    EstimatorQuality, Planned, ProfileForm, ProfileShape,
+};
 pub use crate::schrodingerization::profile::window::{PlacedProfile, ProfileRequirements, Window};
 
 use crate::base::bisect::bisect;

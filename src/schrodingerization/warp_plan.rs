@@ -12,8 +12,7 @@ use crate::propagate::method::BatchCoupling;
 use crate::propagate::{self, PropagationSpan, descriptor};
 use crate::schrodingerization::placement::plan_placement;
 use crate::schrodingerization::profile::series::{Series, points};
-use crate::schrodingerization::profile::shape::EstimatorQuality;
-use crate::schrodingerization::profile::{Profile, ProfileForm};
+use crate::schrodingerization::profile::{EstimatorQuality, Profile, ProfileForm};
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -39,13 +38,9 @@ pub struct WarpPlan {
     pub points: Option<usize>,
     /// The readings of `u`; a second one gives the error estimate.
     pub readings: Vec<Reading>,
-    /// The part of the error that the distance of the two readings shows; above 1 if it overstates
-    /// the error.
-    #[serde(rename = "seen")]
-    pub estimator_efficiency: f64,
-    /// Bound on the factor by which that part depends on the state; infinite if it is not known.
-    #[serde(rename = "seen_within")]
-    pub estimator_doubt: f64,
+    /// How well the distance of the two readings shows the error.
+    #[serde(flatten)]
+    pub estimator_quality: EstimatorQuality,
     /// The readings of `output.plateau`, of the first field.
     pub plateau: Vec<Reading>,
     /// The work of each mode: applications (Chebyshev: the degree of its series; Krylov: at most),
@@ -102,12 +97,7 @@ impl WarpPlan {
     /// The reason why the distance of the two readings may not estimate the error; `None` if it
     /// does.
     pub fn estimate_doubt(&self) -> Option<&'static str> {
-        let quality = EstimatorQuality {
-            modes: self.modes,
-            efficiency: self.estimator_efficiency,
-            doubt: self.estimator_doubt,
-        };
-        self.profile.as_ref()?.estimate_doubt(&quality)
+        self.profile.as_ref()?.estimate_doubt(self.modes, self.estimator_quality)
     }
 
     /// Whether `solver.warp.points` can be given; a file of the warped field has its own `N_p`, and
@@ -161,8 +151,7 @@ impl WarpPlan {
             work,
             legs,
             leg_work,
-            estimator_efficiency: placement.estimator_efficiency,
-            estimator_doubt: placement.estimator_doubt,
+            estimator_quality: placement.quality,
             readings: placement.readings,
             plateau: placement.plateau,
             interval: placement.interval,
@@ -197,8 +186,7 @@ impl WarpPlan {
             modes: modes.count,
             points: None,
             plateau: Vec::new(),
-            estimator_efficiency: 1.0,
-            estimator_doubt: f64::INFINITY,
+            estimator_quality: EstimatorQuality::UNKNOWN,
             legs: vec![Leg::new(case.end, false)],
             leg_work: vec![work.clone()],
             mode_tolerances: vec![tolerance; modes.count],

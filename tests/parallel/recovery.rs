@@ -277,8 +277,9 @@ impl RecoveredField {
         assert!(self.step_error.is_none(), "{name}");
         let error = self.error;
         assert!(error <= recovery.tolerance, "{name}: error {error:e}");
-        let estimate =
-            distance(&self.scaled[1], &self.scaled[0]) / self.run.plan.estimator_efficiency / error;
+        let estimate = distance(&self.scaled[1], &self.scaled[0])
+            / self.run.plan.estimator_quality.efficiency
+            / error;
         let gaussian = recovery.profile == ProfileChoice::Gaussian { sigma: None };
         // If the plan doubts the estimate, the two readings may have similar errors.
         let factor = match (self.run.plan.estimate_doubt(), gaussian) {

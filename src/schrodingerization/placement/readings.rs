@@ -5,9 +5,9 @@
 
 use crate::problem::case::Case;
 use crate::schrodingerization::placement::requirements::{SECOND_POINT, width};
-use crate::schrodingerization::profile::Window;
 use crate::schrodingerization::profile::series::Series;
 use crate::schrodingerization::profile::window::PLATEAU;
+use crate::schrodingerization::profile::{EstimatorQuality, Window};
 use crate::schrodingerization::recovery::{Reading, visible_error_parts};
 
 /// For series with more modes than this, the two readings are not compared mode by mode.
@@ -64,10 +64,7 @@ pub(super) fn moved(mut readings: Vec<Reading>, distance: f64) -> Vec<Reading> {
 /// The readings, and the relation of their distance to the error.
 pub(super) struct ErrorEstimator {
     pub readings: Vec<Reading>,
-    /// The part of the error that the distance shows.
-    pub efficiency: f64,
-    /// Bound, for any state, on the factor by which that part may deviate.
-    pub doubt: f64,
+    pub quality: EstimatorQuality,
 }
 
 /// The readings of `series` by which the error is estimated, which `at` gives for a distance of the
@@ -79,13 +76,15 @@ pub(super) fn error_estimator(
     at: impl Fn(f64) -> Vec<Reading>,
 ) -> ErrorEstimator {
     match case.recovery_points {
-        0..2 => ErrorEstimator { readings: at(0.0), efficiency: 1.0, doubt: f64::INFINITY },
+        0..2 => ErrorEstimator { readings: at(0.0), quality: EstimatorQuality::UNKNOWN },
         // The two errors are independent; the second is at most e times as large, and may cancel
         // the first or add to it.
         _ if series.modes() > MOST_TO_COMPARE => ErrorEstimator {
             readings: at(SECOND_POINT),
-            efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
-            doubt: f64::INFINITY,
+            quality: EstimatorQuality {
+                efficiency: 1f64.hypot(SECOND_POINT.exp()).sqrt(),
+                ..EstimatorQuality::UNKNOWN
+            },
         },
         _ => most_alike(series, spectrum, at),
     }
@@ -109,9 +108,6 @@ fn most_alike(
     let ratio = |(_, least, largest): &(Vec<Reading>, f64, f64)| largest / least;
     let best = candidates.min_by(|a, b| ratio(a).total_cmp(&ratio(b)));
     let (readings, least, largest) = best.unwrap_or_else(|| (at(SECOND_POINT), 1.0, f64::INFINITY));
-    ErrorEstimator {
-        readings,
-        efficiency: (least * largest).sqrt(),
-        doubt: (largest / least).sqrt(),
-    }
+    let (efficiency, doubt) = ((least * largest).sqrt(), (largest / least).sqrt());
+    ErrorEstimator { readings, quality: EstimatorQuality { efficiency, doubt } }
 }

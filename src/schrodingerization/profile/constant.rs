@@ -40,7 +40,7 @@ impl Planned for Constant {
             .to_owned()
     }
 
-    fn estimate_doubt(&self, _quality: &EstimatorQuality) -> Option<&'static str> {
+    fn estimate_doubt(&self, _modes: usize, _quality: EstimatorQuality) -> Option<&'static str> {
         None
     }
 }

@@ -144,8 +144,8 @@ impl Planned for Designed {
         format!("designed: error {:.1e}", self.error)
     }
 
-    fn estimate_doubt(&self, quality: &EstimatorQuality) -> Option<&'static str> {
-        if quality.modes < FEWEST_MODES_TO_TELL {
+    fn estimate_doubt(&self, modes: usize, quality: EstimatorQuality) -> Option<&'static str> {
+        if modes < FEWEST_MODES_TO_TELL {
             Some("so few modes may err alike at both recovery points")
         } else {
             quality.doubt_of_oscillation()

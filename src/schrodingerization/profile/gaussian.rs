@@ -106,7 +106,7 @@ impl Planned for Gaussian {
         format!("gaussian: sigma {:.4}, offset {:.4}", self.sigma, self.offset)
     }
 
-    fn estimate_doubt(&self, quality: &EstimatorQuality) -> Option<&'static str> {
+    fn estimate_doubt(&self, _modes: usize, quality: EstimatorQuality) -> Option<&'static str> {
         quality.doubt_of_oscillation()
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::schrodingerization::profile::series::Series;
 use num_complex::Complex64;
+use serde::Serialize;
 
 /// A function `g(p)` on the line.
 pub trait ProfileShape {
@@ -28,17 +29,20 @@ pub enum ProfileForm<'a> {
 }
 
 /// How well the distance of two readings shows the error of the series.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct EstimatorQuality {
-    /// Number of modes that are propagated.
-    pub modes: usize,
-    /// The part of the error that the distance shows.
+    /// The part of the error that the distance shows; above 1 if it overstates the error.
+    #[serde(rename = "seen")]
     pub efficiency: f64,
-    /// Bound on the factor by which that part depends on the state.
+    /// Bound on the factor by which that part depends on the state; infinite if it is not known.
+    #[serde(rename = "seen_within")]
     pub doubt: f64,
 }
 
 impl EstimatorQuality {
+    /// The distance is taken for the error, and may be any part of it.
+    pub const UNKNOWN: Self = Self { efficiency: 1.0, doubt: f64::INFINITY };
+
     /// If the distance shows a smaller part of the error than this, it may consist mostly of other
     /// differences between the readings (round-off, truncated series).
     const LEAST_EFFICIENCY: f64 = 0.35;
@@ -46,7 +50,7 @@ impl EstimatorQuality {
     const LARGEST_DOUBT: f64 = 3.0;
 
     /// The doubt of a profile whose error oscillates in `p`, so that its visible part is known.
-    pub fn doubt_of_oscillation(&self) -> Option<&'static str> {
+    pub fn doubt_of_oscillation(self) -> Option<&'static str> {
         (self.efficiency < Self::LEAST_EFFICIENCY || self.doubt > Self::LARGEST_DOUBT)
             .then_some("both recovery points share most of the error")
     }
@@ -60,8 +64,9 @@ pub trait Planned {
     /// Kind and parameters of the profile, in words.
     fn description(&self) -> String;
 
-    /// The reason why the distance of two readings may not estimate the error; `None` if it does.
-    fn estimate_doubt(&self, _quality: &EstimatorQuality) -> Option<&'static str> {
+    /// The reason why the distance of two readings, with `modes` propagated, may not estimate the
+    /// error; `None` if it does.
+    fn estimate_doubt(&self, _modes: usize, _quality: EstimatorQuality) -> Option<&'static str> {
         Some("the modes that this profile omits may cancel at both recovery points")
     }
 }
