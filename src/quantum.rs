@@ -5,6 +5,7 @@
 //! | [`access`] | the sparse-access oracles of `H = H1 ⊗ D_μ − H2 ⊗ I` (paper, section 3.2) |
 //! | [`sparsity`] | nonzeros of rows and columns, measured against the paper's bounds |
 //! | [`probability`] | with what probability a measurement gives the solution |
+//! | [`measurement_window`] | where in `p` it does so, by the profile's series |
 //! | [`cost`] | gates until the field is measured, of every access to `H` |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
@@ -34,6 +35,7 @@ pub mod cost;
 pub mod export;
 pub mod labelled_number;
 pub mod matrices;
+pub mod measurement_window;
 pub mod optimise;
 pub mod phases;
 pub mod probability;

@@ -5,7 +5,7 @@
 //! before. Without `[exact]` the error is Richardson's estimate from the distance `d` to a grid
 //! twice as fine, `e = d/(1 − 2^{−q})`. The order `q` is measured and not assumed: discontinuous
 //! solutions have about 1/2. The grid that reaches the accuracy lies between two that were tried,
-//! or follows from the order; it is tried itself if the budget allows ([`grid_search`]).
+//! or follows from the order; it is tried itself if the budget allows (`grid_search`).
 //! Schrödingerization adds at most a tenth of the accuracy: its tolerance follows from the norms of
 //! `f` ([`spread`](crate::study::density::spread)) and is tried on a coarse grid.
 //!
@@ -16,7 +16,8 @@
 //! as much work as this machine can do in the time that is left.
 
 mod candidates;
-pub mod grid_search;
+mod grid_search;
+pub mod reached_grid;
 pub mod report;
 mod rest;
 pub mod scheme;
@@ -31,7 +32,7 @@ use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::{Case, Limiter, Method};
-use crate::study::advise::grid_search::{Evidence, ReachedGrid};
+use crate::study::advise::reached_grid::{Evidence, ReachedGrid};
 use crate::study::advise::report::{may_be_slow, warnings};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::base_case;

@@ -5,10 +5,9 @@ use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Delta};
 use crate::quantum::cost::{EvolutionRequirements, LeastCost};
 use crate::quantum::labelled_number::LabelledNumber;
+use crate::quantum::measurement_window::WINDOW;
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
-use crate::quantum::probability::{
-    PlannedMeasurement, PlannedState, WINDOW, amplification_rounds, reach,
-};
+use crate::quantum::probability::{PlannedMeasurement, PlannedState, amplification_rounds, reach};
 use crate::quantum::walk::PROFILE_PART;
 use crate::schrodingerization::placement::Outline;
 use crate::schrodingerization::profile::series::{Series, points};

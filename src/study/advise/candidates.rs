@@ -7,9 +7,8 @@ use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
-use crate::study::advise::grid_search::{
-    DISCRETISATION, DensityError, Evidence, GridSearch, ReachedGrid, error_on,
-};
+use crate::study::advise::grid_search::{DISCRETISATION, GridSearch, error_on};
+use crate::study::advise::reached_grid::{DensityError, Evidence, ReachedGrid};
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::settings::{command, settings};

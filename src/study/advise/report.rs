@@ -4,7 +4,7 @@ use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, quoted
 use crate::problem::case::{Case, Method};
 use crate::problem::grid::SPACE_NAMES;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
-use crate::study::advise::grid_search::Evidence;
+use crate::study::advise::reached_grid::Evidence;
 use crate::study::advise::setups::{AdviceReport, ErrorParts, NotCompared, SetupReport};
 use crate::study::grids::{cells, shape_text};
 use crate::study::order::{Order, orders_text};

@@ -8,7 +8,8 @@
 use crate::base::error::Result;
 use crate::problem::case::{Limiter, Method};
 use crate::study::advise::Study;
-use crate::study::advise::grid_search::{ReachedGrid, next_grid};
+use crate::study::advise::grid_search::next_grid;
+use crate::study::advise::reached_grid::ReachedGrid;
 use crate::study::budget::Budget;
 
 /// The part of the counted budget that may be spent on these schemes, beyond the whole of it.

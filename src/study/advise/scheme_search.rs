@@ -2,7 +2,8 @@
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Limiter, Method};
-use crate::study::advise::grid_search::{DISCRETISATION, Evidence, GridSearch, ReachedGrid};
+use crate::study::advise::grid_search::{DISCRETISATION, GridSearch};
+use crate::study::advise::reached_grid::{Evidence, ReachedGrid};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::setups::SkippedSetup;
 use crate::study::advise::{ROUND_OFF, Study};

@@ -3,7 +3,7 @@
 
 use crate::base::text::{counted, seconds_text};
 use crate::problem::case::{Interface, Limiter, Method};
-use crate::study::advise::grid_search::{Evidence, MeasuredGrid};
+use crate::study::advise::reached_grid::{Evidence, MeasuredGrid};
 use crate::study::advise::trials::UPDATES_PER_MODE;
 use crate::study::budget::longer;
 use crate::study::cost::application_weight;
