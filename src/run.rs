@@ -27,6 +27,7 @@ pub mod norms;
 pub mod options;
 pub mod planning;
 mod positive;
+mod random_paths;
 mod readout;
 pub mod solution;
 mod solved;

@@ -7,6 +7,32 @@ use std::path::PathBuf;
 pub const LESS_MEMORY: &str = "fewer cells (axis.N.x.cells, axis.N.v.cells), more ranks on more \
                                nodes, or a larger solver.tolerance need less";
 
+/// The part of a message about a formula that is not finite which says what may be missing.
+fn without_else(formula: &str) -> &'static str {
+    let has = |word| formula.split(|c: char| !c.is_alphanumeric()).any(|part| part == word);
+    if has("if") && !has("else") { "; where no `if` holds, an `else` gives the value" } else { "" }
+}
+
+/// Growth below which it is not the reason why no digits are left.
+const SMALL_GROWTH: f64 = 1.0;
+
+/// The message of [`Error::Growth`].
+fn no_digits(ratio: f64, growth: f64) -> String {
+    if growth < SMALL_GROWTH {
+        return format!(
+            "the norm falls by a factor {ratio:.3e} from state to field, which leaves no digits \
+             in double precision: nearly all of f has left the box by time.end; choose an earlier \
+             one, or a larger box"
+        );
+    }
+    format!(
+        "growth x time {growth:.3} and a norm that falls by a factor {ratio:.3e} from state to \
+         field leave no digits in double precision; a smaller time.end does, and against growth \
+         solver.warp.weights = \"dissipative\" or scheme.interface = \"conservative\", and \
+         solver.warp.delta left out"
+    )
+}
+
 /// Everything that ends a command early.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
@@ -18,7 +44,8 @@ pub enum Error {
     Case(Box<Refusal>),
     /// A formula yields NaN or infinity.
     #[error(
-        "{key} = \"{formula}\" is {value} at {place}; it must be finite everywhere on the grid"
+        "{key} = \"{formula}\" is {value} at {place}; it must be finite everywhere on the grid{}",
+        without_else(formula)
     )]
     Formula {
         /// File, line and key of the formula.
@@ -61,12 +88,7 @@ pub enum Error {
         growth: f64,
     },
     /// The generator grows too much for any tolerance.
-    #[error(
-        "solver: growth x time {growth:.3} and a norm that falls by a factor {ratio:.3e} from \
-         state to field leave no digits in double precision; a smaller time.end does, and against \
-         growth solver.warp.weights = \"dissipative\" or scheme.interface = \"conservative\", and \
-         solver.warp.delta left out"
-    )]
+    #[error("solver: {}", no_digits(*ratio, *growth))]
     Growth {
         /// ‖ũ(0)‖/‖f(T)‖, see [`crate::plan`].
         ratio: f64,

@@ -1,6 +1,6 @@
 //! Progress output of rank 0: a bar on a terminal, a line every few seconds otherwise.
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
@@ -26,6 +26,7 @@ impl Progress {
             ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr())
                 .with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()))
                 .with_message(name)
+                .with_finish(ProgressFinish::AndClear)
         });
         Self { bar, prints, name, done: 0, total, started: Instant::now(), last: Instant::now() }
     }

@@ -167,6 +167,28 @@ impl<'a> Tracer<'a> {
         values
     }
 
+    /// The data at the end of the path back from `point` over `time`, with reflections as for
+    /// [`follow_with`](Self::follow_with).
+    pub fn value_by(
+        &self,
+        point: &[f64; 6],
+        time: f64,
+        turns_back: &mut dyn FnMut(&Crossing) -> bool,
+    ) -> f64 {
+        let path = self.follow_with(point, time, turns_back);
+        let foot = Foot { point: path.point, entry: path.remaining.unwrap_or(0.0) };
+        let (field, at) = (&self.case.fields[0], self.data_point(&foot));
+        match &field.inflow {
+            Inflow::Formula(inflow) if foot.entry > 0.0 => inflow.at_point(&at, foot.entry),
+            _ => field.initial.at_point(&at, 0.0),
+        }
+    }
+
+    /// A bound on the number of faces that a particle meets in `time`.
+    pub fn most_faces(&self, time: f64) -> usize {
+        self.flow.most_faces(time)
+    }
+
     /// The point at which the data of the particle from `foot` are evaluated: just outside of the
     /// box where it entered through an end. If a jump of `V` brought it in, that is on the side of
     /// the face from which it came.
@@ -208,7 +230,7 @@ impl<'a> Tracer<'a> {
         if let Some(end) = self.along_line(&particle, a, time) {
             return (end.left == 0.0).then_some([end.x, 0.0 + self.flow.direction * end.w]);
         }
-        let TracedPath { point, remaining, .. } = self.flow.follow(particle, time, &mut |_| {});
+        let TracedPath { point, remaining, .. } = self.flow.follow(particle, time, &mut |_| false);
         remaining.is_none().then(|| [point[a], point[3 + a]])
     }
 
@@ -281,19 +303,20 @@ impl<'a> Tracer<'a> {
     /// is. In the cells around a corner, the slopes of a `V` that is not a sum over axes may drive
     /// a particle at rest in a circle.
     pub fn follow(&self, point: &[f64; 6], time: f64) -> TracedPath {
-        self.follow_with(point, time, &mut |_| {})
+        self.follow_with(point, time, &mut |_| false)
     }
 
-    /// The path as [`follow`](Self::follow) gives it. Calls `meet` for every jump of `V` on the
-    /// path.
+    /// The path as [`follow`](Self::follow) gives it, if `turns_back` is never true. It is called
+    /// for every jump of `V` on the path, and says whether the particle is reflected although it
+    /// could be transmitted.
     pub fn follow_with(
         &self,
         point: &[f64; 6],
         time: f64,
-        meet: &mut dyn FnMut(&Crossing),
+        turns_back: &mut dyn FnMut(&Crossing) -> bool,
     ) -> TracedPath {
         match self.flow.start(point) {
-            Some(particle) => self.flow.follow(particle, time, meet),
+            Some(particle) => self.flow.follow(particle, time, turns_back),
             None => TracedPath::at_start(*point, time.max(0.0)),
         }
     }

@@ -34,6 +34,9 @@ use std::ops::Range;
 
 /// Slopes that differ by less than this part of the steepest one are equal up to round-off.
 const SAME: f64 = 1e-9;
+/// Round-off of a slope of `V`, relative to the largest one, in a box as far from the origin as an
+/// element is wide: positions have no more digits.
+const ROUND_OFF: f64 = 64.0 * f64::EPSILON;
 /// Jumps and slopes of `V` on a box of space cells.
 #[derive(Clone, Debug)]
 pub struct Potential {
@@ -171,7 +174,9 @@ impl Potential {
     pub fn shape(&self, space: &PhaseSpace) -> ElementShape {
         let n = space.dimension();
         let along = |a: usize| {
-            let tolerance = SAME * self.steepest(a);
+            let axis = &space.x[a];
+            let farthest = axis.lower.abs().max(axis.upper.abs());
+            let tolerance = (SAME + ROUND_OFF * farthest / axis.width()) * self.steepest(a);
             let shapes = (0..self.slope.len()).map(|p| self.shape_at(space, p, a, tolerance));
             shapes.max().unwrap_or(ElementShape::Linear)
         };

@@ -213,9 +213,9 @@ impl Accuracy {
         Self { under_resolved, ..found }
     }
 
-    /// Counts the error of the density of elements, if it is estimated, as no less than the square
-    /// of a large error of `f` that particles show. Where `f` was smeared out, the solution's own
-    /// coefficients show neither. It is no larger than particles leave room for.
+    /// Counts the error of the density, if it is estimated, as no less than the square of a large
+    /// error of `f` that particles show. Where `f` was smeared out, the solution itself shows
+    /// neither. It is no larger than particles leave room for.
     pub fn count_smeared_density(&mut self) {
         let shown = self.particles.field_mean.filter(|error| is_large(*error));
         let most = self.particles.room_beside(0.0);

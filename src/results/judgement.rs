@@ -65,9 +65,7 @@ impl Summary {
         };
         let estimated = estimated.within(accuracy.particles);
         self.accuracy = accuracy.with_grid(measured, estimated);
-        if case.space.whole_degree() > 0 {
-            self.accuracy.count_smeared_density();
-        }
+        self.accuracy.count_smeared_density();
         self.missed = missed_goals(case, self);
         let rough = self.error_estimate.filter(|_| self.missed.tolerance.is_some());
         let accuracy = &mut self.accuracy;

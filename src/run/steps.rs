@@ -25,7 +25,7 @@ use crate::run::log::RunLog;
 use crate::run::options::Output;
 use crate::run::solution::Solution;
 use crate::run::solved::SolvedFields;
-use crate::run::{compare, estimates, expand, fields, ledger, readout, warnings};
+use crate::run::{compare, estimates, expand, fields, ledger, random_paths, readout, warnings};
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
@@ -251,6 +251,13 @@ impl<'a> Driver<'a> {
         result: &ComparedResult<'_>,
         exact: &ExactRun,
     ) {
+        let case = result.case;
+        let starts_from_formula = case.start_field.is_none() && case.warped_start.is_none();
+        if self.output.is_some() && case.reflects() && starts_from_formula {
+            // Where V is not finite on other cells, they are not known.
+            self.summary.accuracy.particles =
+                random_paths::errors(world, result).unwrap_or_default();
+        }
         let Some(arrivals) = arrivals.gathered(world) else { return };
         // Where V is not finite on other cells, that error is not known.
         let traced = arrivals.tracing_error(result.case).unwrap_or(None);

@@ -70,7 +70,7 @@ pub struct AdviceRequest {
 /// [`Error::Input`] if nothing reaches the accuracy, and for a case that starts from a file; the
 /// error of a trial if none succeeds.
 pub fn advise(world: &World, case: &Case, request: AdviceRequest) -> Result<AdviceReport> {
-    let budget = Budget::new(world, request.budget);
+    let budget = Budget::new(world, "advise (of its budget)", request.budget);
     refuse_start_from_file(case, "advice takes other grids than that of the file")?;
     refuse_slow_grid(world, case, request.budget)?;
     let mut study = Study::new(world, case, request, budget)?;

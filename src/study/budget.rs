@@ -4,10 +4,12 @@
 //! decisions that must be the same on every machine and on any number of ranks.
 
 use crate::base::error::{Error, Result};
+use crate::base::progress::Progress;
 use crate::base::text::{rounded_up, short};
 use crate::parallel::communicator::{Group, World};
 use crate::plan::here::seconds_before_solving;
 use crate::problem::case::Case;
+use std::cell::RefCell;
 use std::time::Instant;
 
 /// Updates of an unknown that count as a second: at most a third of what a core does, so that it
@@ -53,6 +55,11 @@ pub fn longer(budget: f64) -> String {
     }
 }
 
+/// Whole milliseconds of so many seconds.
+fn milliseconds(seconds: f64) -> usize {
+    (1e3 * seconds) as usize
+}
+
 /// The time limit of a study, and the part of it that was used.
 pub struct Budget {
     all: Group,
@@ -67,13 +74,17 @@ pub struct Budget {
     counted_before: f64,
     /// Updates that may be counted.
     allowed: f64,
+    /// The part of the limit that has passed, as output.
+    progress: RefCell<Progress>,
 }
 
 impl Budget {
-    /// `limit` seconds from now on.
-    pub fn new(world: &World, limit: f64) -> Self {
+    /// `limit` seconds from now on, of which the passing ones are shown as progress called `name`.
+    pub fn new(world: &World, name: &'static str, limit: f64) -> Self {
+        let prints = world.group().is_first();
         Self {
             all: world.group(),
+            progress: Progress::new(prints, name, milliseconds(limit)).into(),
             started: Instant::now(),
             limit,
             end: limit,
@@ -121,8 +132,10 @@ impl Budget {
         self.decide(self.elapsed() + seconds <= self.end)
     }
 
-    /// Rank 0's numbers on all ranks. Collective.
+    /// Rank 0's numbers on all ranks. Shows progress. Collective.
     pub fn from_rank_zero<const N: usize>(&self, mut numbers: [f64; N]) -> [f64; N] {
+        let passed = self.elapsed().min(self.limit);
+        self.progress.borrow_mut().advance_to(milliseconds(passed));
         if !self.all.is_first() {
             numbers = [f64::NEG_INFINITY; N];
         }

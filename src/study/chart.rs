@@ -46,7 +46,7 @@ mod tests;
 /// [`crate::base::error::Error::Input`] for a case that starts from a file, and if no trial fits
 /// into `limit`; the first trial's error if nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
-    let budget = Budget::new(world, limit.as_secs_f64());
+    let budget = Budget::new(world, "chart (of its budget)", limit.as_secs_f64());
     refuse_start_from_file(case, "the file fixes the grid, which a chart varies")?;
     refuse_too_large_here(world, case)?;
     refuse_slow_grid(world, case, limit.as_secs_f64())?;

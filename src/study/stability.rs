@@ -84,7 +84,7 @@ pub fn measure(
     limit: Duration,
 ) -> Result<Stability> {
     refuse_start_from_file(case, "stability takes a case whose field at the start is a formula")?;
-    let mut budget = Budget::new(world, limit.as_secs_f64());
+    let mut budget = Budget::new(world, "stability (of its budget)", limit.as_secs_f64());
     refuse_slow_grid(world, case, limit.as_secs_f64())?;
     let wanted: Vec<&'static PanelSpec> =
         (PANELS.iter()).filter(|spec| only.is_empty() || only.contains(&spec.name)).collect();

@@ -7,6 +7,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
+use crate::problem::case::keys;
 use crate::problem::case::reader::{KeyValue, Mistake, decimal, integer, joined_key, number_of};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
@@ -45,6 +46,9 @@ struct FoundKey<'f> {
     key: Option<Range<usize>>,
 }
 
+/// The largest number of keys elsewhere that a message names instead of an unknown one.
+const MOST_MEANT: usize = 3;
+
 /// What the line of a syntax error at `place` probably should be, where the parser does not say so.
 fn hint(text: &str, place: usize) -> &'static str {
     let line = position(text, place).content;
@@ -62,11 +66,21 @@ fn hint(text: &str, place: usize) -> &'static str {
         "; a number has a decimal point, no comma"
     } else if value.split_once(' ').is_some_and(|(number, _)| is_number(number)) {
         "; numbers have no units"
-    } else if value.starts_with(|c: char| c.is_alphabetic()) {
+    } else if is_formula(value)
+        || !line.contains(['"', '\'']) && line.split('=').skip(1).any(|v| is_formula(v.trim()))
+    {
         "; formulas and other texts are in quotes"
     } else {
         ""
     }
+}
+
+/// Whether a value that is not in quotes looks like a formula, as `0.1*x`, `-pi` or `f(x)`.
+fn is_formula(value: &str) -> bool {
+    let begins = value.trim_start_matches(['-', '+', '(']);
+    let operator = |c: char| "*/^(".contains(c);
+    !value.starts_with(['"', '\'', '[', '{'])
+        && (begins.starts_with(|c: char| c.is_alphabetic()) || value.contains(operator))
 }
 
 impl<'t> CaseFile<'t> {
@@ -130,7 +144,16 @@ impl<'t> CaseFile<'t> {
         if !mistake.unknown {
             return self.error(&key, &mistake.message);
         }
-        let message = format!("unknown key {key}{}", mistake.message);
+        let name = key.rsplit('.').next().unwrap_or_default();
+        let meant = match mistake.message.as_str() {
+            "" => keys().ending_in(name),
+            _ => Vec::new(),
+        };
+        let meant = match meant.len() {
+            1..=MOST_MEANT => format!(" (did you mean {}?)", meant.join(" or ")),
+            _ => mistake.message,
+        };
+        let message = format!("unknown key {key}{meant}");
         let span = self.find(&key).key;
         self.refusal(span, Refusal { key: Some(key), message, ..Refusal::default() })
     }

@@ -39,6 +39,30 @@ pub enum ValueKind {
     Names(Box<ValueKind>),
 }
 
+impl ValueKind {
+    /// Adds the keys below `path` that are no tables to `found`, with their kinds; `N` stands for
+    /// the index in a list.
+    fn add_leaves(&self, path: &str, found: &mut Vec<(String, ValueKind)>) {
+        match self {
+            Self::Table(entries) | Self::Switches(entries) => {
+                for (name, kind) in entries {
+                    kind.add_leaves(&format!("{path}.{name}"), found);
+                }
+            }
+            Self::List(item) => item.add_leaves(&format!("{path}.N"), found),
+            other => found.push((path.trim_start_matches('.').to_owned(), other.clone())),
+        }
+    }
+
+    /// The keys that are no tables and end in `name`, as in `scheme.degree`.
+    pub fn ending_in(&self, name: &str) -> Vec<String> {
+        let mut all = Vec::new();
+        self.add_leaves("", &mut all);
+        let keys = all.into_iter().map(|(key, _)| key);
+        keys.filter(|key| key.rsplit('.').next() == Some(name)).collect()
+    }
+}
+
 /// The keys of `T`.
 pub fn of<T: DeserializeOwned>() -> ValueKind {
     let kind = RefCell::default();
@@ -185,23 +209,10 @@ impl<'de> Deserializer<'de> for KindRecorder<'_> {
 mod tests {
     use super::*;
 
-    /// Adds the kind of every key to `found`; `N` stands for the index in a list.
-    fn flat(path: &str, kind: &ValueKind, found: &mut Vec<(String, ValueKind)>) {
-        match kind {
-            ValueKind::Table(entries) | ValueKind::Switches(entries) => {
-                for (name, kind) in entries {
-                    flat(&format!("{path}.{name}"), kind, found);
-                }
-            }
-            ValueKind::List(item) => flat(&format!("{path}.N"), item, found),
-            other => found.push((path.trim_start_matches('.').to_owned(), other.clone())),
-        }
-    }
-
     #[test]
     fn every_key_has_a_kind() {
         let mut found = Vec::new();
-        flat("", &crate::problem::case::keys(), &mut found);
+        crate::problem::case::keys().add_leaves("", &mut found);
         assert!(found.len() > 60, "{found:?}");
         assert!(found.iter().all(|(_, kind)| *kind != ValueKind::Unknown), "{found:?}");
         let is = |key: &str| &found.iter().find(|(name, _)| name == key).expect(key).1;

@@ -84,6 +84,11 @@ pub struct Crossing {
     pub rise: f64,
     /// The normal velocity before.
     pub velocity: f64,
+    /// The normal kinetic energy on the side of the higher `V`; not positive where the particle
+    /// cannot be transmitted.
+    pub energy: f64,
+    /// The region on that side; `None` if no region reflects in part.
+    pub higher: Option<usize>,
 }
 
 /// A particle that is traced.
@@ -211,12 +216,13 @@ impl Flow {
         Some(particle)
     }
 
-    /// Follows a particle that is in the box.
+    /// Follows a particle that is in the box. At every jump of `V`, `turns_back` says whether the
+    /// particle is reflected although it could be transmitted.
     pub fn follow(
         &self,
         mut particle: TracedParticle,
         time: f64,
-        meet: &mut dyn FnMut(&Crossing),
+        turns_back: &mut dyn FnMut(&Crossing) -> bool,
     ) -> TracedPath {
         let mut left = time.max(0.0);
         let round_off = ROUND_OFF * left;
@@ -239,7 +245,7 @@ impl Flow {
                     particle.x[event.axis] = face;
                     particle.cell = self.cell_at_face(&particle, &block, event.axis, upper);
                     let before = particle.path.history;
-                    let exit = self.cross(&mut particle, event.axis, upper, meet);
+                    let exit = self.cross(&mut particle, event.axis, upper, turns_back);
                     let bends = !alike(block.slopes, self.potential.linear.slopes(&particle.cell));
                     let path = &mut particle.path;
                     path.segments += usize::from(bends || path.history != before);
@@ -366,7 +372,7 @@ impl Flow {
         particle: &mut TracedParticle,
         a: usize,
         upper: bool,
-        meet: &mut dyn FnMut(&Crossing),
+        turns_back: &mut dyn FnMut(&Crossing) -> bool,
     ) -> Option<BoxExit> {
         let i = particle.cell[a];
         let step = if upper { 1 } else { -1 };
@@ -378,13 +384,19 @@ impl Flow {
         let rise = self.rise(particle, a, upper, there);
         let reach_before = self.reach(particle, a, outward);
         let square = particle.w[a] * particle.w[a] + 2.0 * rise;
-        let crosses = rise == 0.0 || square > 0.0;
+        let mut crosses = rise == 0.0 || square > 0.0;
         if rise != 0.0 {
+            let met = Crossing {
+                axis: a,
+                rise: self.rise_at_centre(&particle.cell, a, upper),
+                velocity: self.direction * particle.w[a],
+                energy: 0.5 * square.min(particle.w[a] * particle.w[a]),
+                higher: self.potential.linear.jump_kind(&particle.cell, a, upper).higher,
+            };
+            crosses &= !turns_back(&met);
             let face = 2 * (i + usize::from(upper)) + usize::from(crosses);
             let history = &mut particle.path.history;
             *history = append(*history, (MAX_DIMENSION * face + a) as u64);
-            let rise = self.rise_at_centre(&particle.cell, a, upper);
-            meet(&Crossing { axis: a, rise, velocity: self.direction * particle.w[a] });
         }
         let reach_after = if crosses {
             particle.cell[a] = there;

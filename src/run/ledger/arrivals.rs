@@ -205,15 +205,11 @@ impl GatheredArrivals {
             terms.fold([0.0; 2], |sums, terms| [sums[0] + terms[0], sums[1] + terms[1]])
         });
         let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|[error, size]| (error, size)).unzip();
-        let ([error, scatter], [size, _]) = (mean(&errors), mean(&sizes));
-        let shown = (error - STANDARD_ERRORS * scatter).max(0.0);
-        let relative =
-            |square: f64| Some((square / size).sqrt().min(1.0)).filter(|error| error.is_finite());
+        let [least, mean] = beyond_scatter(&errors, &sizes);
         let degrees = space.axes().filter(|axis| axis.cells > 1).map(|axis| axis.nodes.degree);
         let (of_cells, of_elements): (Vec<_>, Vec<_>) = degrees.partition(|degree| *degree == 0);
         let is_mixed = !of_cells.is_empty() && !of_elements.is_empty();
-        let is_sharp = scatter <= MOST_SCATTER * error && !is_mixed;
-        [relative(shown), relative(error).filter(|_| is_sharp)]
+        [least, mean.filter(|_| !is_mixed)]
     }
 
     /// The difference between a mass and that of all arrivals, beyond the scatter of the latter.
@@ -294,6 +290,17 @@ impl GatheredArrivals {
             most: finite((square_of_most / square).sqrt()),
         }
     }
+}
+
+/// Relative errors by the squares of errors and of sizes of each replicate: less the scatter, and
+/// the mean if its scatter is small.
+pub fn beyond_scatter(errors: &[f64], sizes: &[f64]) -> [Option<f64>; 2] {
+    let ([error, scatter], [size, _]) = (mean(errors), mean(sizes));
+    let shown = (error - STANDARD_ERRORS * scatter).max(0.0);
+    let relative =
+        |square: f64| Some((square / size).sqrt().min(1.0)).filter(|error| error.is_finite());
+    let is_sharp = scatter <= MOST_SCATTER * error;
+    [relative(shown), relative(error).filter(|_| is_sharp)]
 }
 
 /// A mean over the replicates, and its standard error.

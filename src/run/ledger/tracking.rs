@@ -98,6 +98,7 @@ impl<'a> ParticleTracker<'a> {
         let found = self.tracer.follow_with(&particle.point, particle.time, &mut |met| {
             before = added;
             added += gains.as_mut().map_or(0.0, |gains| gains.factor(met) - 1.0);
+            false
         });
         if let Some(exit) = found.exit {
             let end = exit.end.number();

@@ -178,11 +178,26 @@ pub fn allows_elements(case: &Case) -> bool {
     })
 }
 
+/// The next larger number of elements on the box of `axis` with a face at `v = 0`; `None` if that is
+/// more than [`MOST_MORE`] times as many.
+fn more_cells_with_a_face_at_rest(axis: &Axis) -> Option<usize> {
+    let rest = -axis.lower / (axis.upper - axis.lower);
+    let is_face = |count: &usize| {
+        let at = rest * *count as f64;
+        (at - at.round()).abs() <= ON_FACE
+    };
+    (axis.elements() + 1..=MOST_MORE * axis.elements()).find(is_face)
+}
+
+/// Largest multiple of the given number of elements that is suggested.
+const MOST_MORE: usize = 2;
+
 /// Refuses velocity axes with an element around `v = 0`, which would have traces in both
 /// directions. `V` jumps by at most `height` along the axis, at `place`.
 ///
 /// # Errors
-/// [`Error::Input`], naming the jump and the nearest box with a face at 0.
+/// [`Error::Input`], naming the jump, the nearest box with a face at 0, and the number of cells that
+/// have one there.
 pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<()> {
     /// About the last digit of values of `V` that were written with ten.
     const FEW_DIGITS: f64 = 1e-9;
@@ -200,6 +215,9 @@ pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<(
         let end = |faces: f64| coordinate_text(faces * width, 1e-6 * width);
         format!("The box [{}, {}] has it on a face. ", end(-below), end(elements - below))
     };
+    let more = more_cells_with_a_face_at_rest(&whole);
+    let more =
+        more.map_or(String::new(), |more| format!("{more} cells on the same box have, too. "));
     let fastest = whole.largest_magnitude();
     let doubt = if height < FEW_DIGITS * 0.5 * fastest * fastest {
         ". If V should not jump there, give it the same digits on both sides"
@@ -208,7 +226,7 @@ pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<(
     };
     Err(Error::Input(format!(
         "{name}: v = 0 must be a face of the cells, as V jumps by {} at {place} and faces are \
-         matched by energy. With {elements} cells on [{}, {}] it is inside of a cell. {hint}An \
+         matched by energy. With {elements} cells on [{}, {}] it is inside of a cell. {hint}{more}An \
          even number of cells on a box that is symmetric about 0 has it on a face, too{doubt}",
         short(height),
         whole.lower,

@@ -1,0 +1,95 @@
+//! The error of `f` where jumps of `V` reflect in part, by random paths.
+//!
+//! Behind such a jump `f` is a mixture, so that a point has no single characteristic. `f(T, z)` is
+//! the mean of the data at the ends of random paths back from `z`: each turns back at a jump with
+//! the reflected part as its probability. At nodes `z_k` of the grid, with volumes `w_k` and the
+//! ends `a_k` and `b_k` of two independent paths,
+//!
+//! ```text
+//! Σ w_k (f_h(z_k) − a_k)(f_h(z_k) − b_k)   has the mean Σ w_k (f_h(z_k) − f(T, z_k))²
+//! Σ w_k a_k b_k                            has the mean Σ w_k f(T, z_k)²
+//! ```
+//!
+//! The numbers of a sample depend on its own number alone, and the sums are exact: the bits do not
+//! depend on the number of ranks.
+//!
+//! Uses: the tracer, the sums of the ledger's particles.
+
+use crate::base::error::Result;
+use crate::base::random::{evenly_spread, uniform};
+use crate::base::row_major;
+use crate::matrix::observables::CellVolumes;
+use crate::parallel::communicator::Group;
+use crate::problem::case::Case;
+use crate::problem::exact::{Crossing, MOST_EXAMINED, MostCells, Tracer};
+use crate::results::accuracy::ParticleErrors;
+use crate::run::ledger::arrivals::{ComparedResult, beyond_scatter};
+use crate::run::ledger::draw::REPLICATES;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+/// Least and largest number of samples, each of two paths.
+const LEAST_SAMPLES: usize = 1 << 10;
+const MOST_SAMPLES: usize = 1 << 14;
+/// About the largest number of faces that all paths together may meet.
+const MOST_FACES: usize = 1 << 27;
+
+/// The relative L2 error of `f` in `result`, of a case with partial reflection that starts from a
+/// formula at time 0. None on very fine grids of space, and where paths are not accurate.
+/// Collective.
+///
+/// # Errors
+/// If `V` is not finite.
+pub fn errors(world: &Group, result: &ComparedResult<'_>) -> Result<ParticleErrors> {
+    let case = result.case;
+    if case.space.space_cells() > MOST_EXAMINED {
+        return Ok(ParticleErrors::default());
+    }
+    let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
+    if !tracer.is_accurate {
+        return Ok(ParticleErrors::default());
+    }
+    let samples = (MOST_FACES / (2 * tracer.most_faces(case.end)))
+        .clamp(LEAST_SAMPLES, MOST_SAMPLES)
+        .next_multiple_of(REPLICATES);
+    let volumes = CellVolumes::new(&case.space, result.share);
+    let terms = (0..samples).filter_map(|k| sample(&tracer, result, &volumes, k));
+    let terms: Vec<[f64; 2 * REPLICATES]> = terms.collect();
+    let sums = world.sum_lanes(samples, terms.iter().copied());
+    let (errors, sizes) = sums.split_at(REPLICATES);
+    let [field, field_mean] = beyond_scatter(errors, sizes);
+    Ok(ParticleErrors { field, field_mean, ..ParticleErrors::default() })
+}
+
+/// What sample `k` adds to the square of the error and to that of `f`, by replicate; `None` if its
+/// node is on another rank.
+fn sample(
+    tracer: &Tracer<'_>,
+    result: &ComparedResult<'_>,
+    volumes: &CellVolumes,
+    k: usize,
+) -> Option<[f64; 2 * REPLICATES]> {
+    let (case, space) = (result.case, &result.case.space);
+    let cell = space.cell((evenly_spread(k) * space.cells() as f64) as usize);
+    let (n, velocities) = (space.dimension(), space.velocity_cells());
+    let place = row_major::position(result.share, &cell[..n])?;
+    let velocity = row_major::position(&space.velocity_ranges(), &cell[n..2 * n])?;
+    let at = place * velocities + velocity;
+    let mut random = ChaCha8Rng::seed_from_u64(k as u64);
+    let mut end = || {
+        let mut turns_back = |met: &Crossing| is_reflected(case, met, uniform(&mut random));
+        tracer.value_by(&space.point(&cell), case.end, &mut turns_back)
+    };
+    let [a, b] = [end(), end()];
+    let (found, weight) = (result.field[at], volumes.relative(at));
+    let mut terms = [0.0; 2 * REPLICATES];
+    terms[k % REPLICATES] = weight * (found - a) * (found - b);
+    terms[REPLICATES + k % REPLICATES] = weight * a * b;
+    Some(terms)
+}
+
+/// Whether a particle that has the energy for it is not transmitted, by a `number` of `[0, 1)`.
+fn is_reflected(case: &Case, met: &Crossing, number: f64) -> bool {
+    let region = met.higher.map(|region| &case.potential[region]);
+    region.is_some_and(|region| number < region.reflected(met.energy, met.rise.abs()))
+}
