@@ -37,6 +37,7 @@ const SAME: f64 = 1e-9;
 /// Round-off of a slope of `V`, relative to the largest one, in a box as far from the origin as an
 /// element is wide: positions have no more digits.
 const ROUND_OFF: f64 = 64.0 * f64::EPSILON;
+
 /// Jumps and slopes of `V` on a box of space cells.
 #[derive(Clone, Debug)]
 pub struct Potential {
