@@ -269,7 +269,7 @@ impl Chebyshev {
         let rows = matrix.rows();
         self.begin(rows, &[1.0; LANES], start);
         let IntermediateMoments { terms, blocking } = passed;
-        terms.expect(0..1);
+        terms.announce(0..1);
         terms.read(0, 0..rows, &self.current, &self.coefficients);
         let mut done = 0;
         while done < degree {
@@ -277,7 +277,7 @@ impl Chebyshev {
             let to = done + system.interruption.applications_until_check(most);
             self.levels.clear();
             self.levels.extend((done..to).map(|k| level(constants, k, [0.0; LANES])));
-            terms.expect(done + 1..to + 1);
+            terms.announce(done + 1..to + 1);
             let steps = RecurrenceSteps { levels: &self.levels, couplings: None };
             let vectors = [&mut self.previous, &mut self.current];
             let at_end = &self.coefficients[..];

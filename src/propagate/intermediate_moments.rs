@@ -147,7 +147,7 @@ impl PassedTerms<'_> {
     }
 
     /// Announces the terms that come next.
-    pub(crate) fn expect(&mut self, terms: Range<usize>) {
+    pub(crate) fn announce(&mut self, terms: Range<usize>) {
         // Later times take more terms.
         let ended = self.lengths.iter().take_while(|length| **length <= terms.start).count();
         self.first = terms.start;

@@ -230,7 +230,7 @@ impl<'a> Attempts<'a> {
             *case = setting.apply(self.base(&setting.space), Some(&bounds));
             reduced_case.warp = case.warp.clone();
         }
-        let (expected, error) = self.expect(&reduced_case);
+        let (expected, error) = self.predicted_seconds(&reduced_case);
         // With measured bounds the plan of the trial fails, too; without them it may succeed.
         if self.budget.decide(error.is_some() && self.cost.is_measured(&reduced_case)) {
             let reason = error.map_or(String::new(), |e| e.to_string());
@@ -309,7 +309,7 @@ impl<'a> Attempts<'a> {
 
     /// Expected seconds of a trial of `case`, and the error if it cannot be planned. They are a
     /// lower bound if it takes much too long anyway.
-    fn expect(&mut self, case: &Case) -> (ExpectedSeconds, Option<Error>) {
+    fn predicted_seconds(&mut self, case: &Case) -> (ExpectedSeconds, Option<Error>) {
         let least = self.cost.overhead(case, case.space.cells() as f64);
         let at_least = |seconds| ExpectedSeconds { seconds, at_least: true };
         if self.has_results() && least > LARGEST_PART * self.budget.limit() {
