@@ -305,6 +305,11 @@ impl Axis {
         (point - lower) / self.width() - first as f64
     }
 
+    /// The element that holds `point`; the nearest one beyond the ends of the axis.
+    pub fn element_at(&self, point: f64) -> usize {
+        (self.position(point).floor().max(0.0) as usize).min(self.elements() - 1)
+    }
+
     /// Cell centres, in order.
     pub fn centres(&self) -> Vec<f64> {
         (0..self.cells as i64).map(|j| self.centre(j)).collect()
