@@ -6,7 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
-use crate::propagate::classical::{Classical, ClassicalSpan, classical_steps};
+use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
 use crate::propagate::time_dependent_inflow::Schedule;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -130,18 +130,16 @@ fn exact_semidiscrete(
     k: usize,
     prints: bool,
 ) -> Vec<Vec<f64>> {
-    let terms = classical_steps(case, &prepared.bounds);
     let Prepared { bounds, rank_cells, system, .. } = prepared;
     let mut state = system.states[k].clone();
-    let progress = Progress::new(prints, "verify", terms.iter().sum());
+    let terms = classical_steps(case, bounds).iter().sum();
+    let progress = Progress::new(prints, "verify", terms);
     let mut classical =
         Classical::of(case, &system.matrix, &system.weights.pi).with_progress(progress);
     let mut ends = Vec::new();
-    for (time, steps) in case.legs().into_iter().zip(terms) {
-        let span = ClassicalSpan { rate: bounds.rate, time };
-        classical.integrate(&mut system.exchange, case, span, steps, &mut state);
-        ends.push(system.own_field(&rank_cells.mine, &state));
-    }
+    classical.integrate_legs(&mut system.exchange, case, bounds, &mut state, |_, state| {
+        ends.push(system.weights.own_field(&rank_cells.mine, state));
+    });
     ends
 }
 
@@ -302,7 +300,8 @@ impl ErrorEstimate {
 /// The estimate with inflow that depends on time: the distance of `f` to the field that the search
 /// for the number of steps ended with, and the error of that. Collective.
 fn estimate_from_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorEstimate {
-    let reference = prepared.system.own_field(&prepared.rank_cells.mine, &schedule.reference);
+    let Prepared { system, rank_cells, .. } = prepared;
+    let reference = system.weights.own_field(&rank_cells.mine, &schedule.reference);
     let volumes = volumes_of(prepared);
     let distance = FieldNorms::new(prepared, &volumes, f).distance(&reference);
     let (rest, stages) = (schedule.reference_error, schedule.stages());

@@ -65,7 +65,7 @@ impl ReferenceProblem {
             if after > 0.0 {
                 self.ratio = self.ratio.max(before / after);
             }
-            self.exact.push(system.own_field(&rank_cells.mine, &state));
+            self.exact.push(system.weights.own_field(&rank_cells.mine, &state));
         }
     }
 
