@@ -42,6 +42,36 @@ pub struct SpectrumExtremes {
     pub steps: usize,
 }
 
+/// The spectrum of `S`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spectrum {
+    /// Both ends, found by Lanczos.
+    pub extremes: SpectrumExtremes,
+    /// Gershgorin's lower and upper bound.
+    pub gershgorin: [f64; 2],
+}
+
+impl DiscreteSystem {
+    /// Both ends of the spectrum of `S` by at most `steps` Lanczos steps, and Gershgorin's bounds
+    /// on it. Collective over `space`.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`].
+    pub fn spectrum(&mut self, space: &Group, steps: usize) -> Result<Spectrum> {
+        let Self { matrix, exchange, norm_terms, .. } = self;
+        let mut part = SymmetricPart { matrix, exchange, unknowns: *norm_terms };
+        let gershgorin = part.gershgorin(space);
+        let norm = gershgorin[0].abs().max(gershgorin[1].abs());
+        let extremes = part.extremes(space, norm, steps);
+        for end in [extremes.highest, extremes.lowest] {
+            if !end.value.is_finite() {
+                return Err(Error::NotFinite(format!("{} as an eigenvalue of S", end.value)));
+            }
+        }
+        Ok(Spectrum { extremes, gershgorin })
+    }
+}
+
 /// A symmetric tridiagonal matrix with diagonal `sign · alpha` and off-diagonals `beta > 0`.
 struct Tridiagonal<'a> {
     sign: f64,
@@ -160,31 +190,6 @@ fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [SpectrumEnd; 2] {
     })
 }
 
-/// Gershgorin's bounds on the spectrum of `S`: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`.
-/// Collective over `space`.
-pub fn gershgorin(matrix: &BlockMatrix, space: &Group) -> [f64; 2] {
-    let mut bounds = [f64::NEG_INFINITY; 2];
-    let shared = matrix.shared_row();
-    for i in 0..matrix.rows() {
-        let (mut diagonal, mut radius) = (0.0, 0.0);
-        for (j, s, _) in matrix.row(i) {
-            if i == j {
-                diagonal = s;
-            } else {
-                radius += s.abs();
-            }
-        }
-        if shared == Some(i) {
-            // Every rank holds its part of this row.
-            radius = space.sum_terms(&[radius]);
-        }
-        bounds[0] = bounds[0].max(radius - diagonal);
-        bounds[1] = bounds[1].max(radius + diagonal);
-    }
-    space.max_into(&mut bounds);
-    [-bounds[0], bounds[1]]
-}
-
 /// A start vector that is the same for any partition: a hash of the global number of the unknown.
 fn start_value(global: usize) -> f64 {
     let mut h = (global as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -193,79 +198,90 @@ fn start_value(global: usize) -> f64 {
     (h >> 11) as f64 / (1u64 << 53) as f64 - 0.5
 }
 
-/// Both ends of the spectrum of a problem's `S`, and Gershgorin's bounds on it. Collective over
-/// `space`.
-///
-/// # Errors
-/// [`Error::NotFinite`].
-pub fn find(
-    problem: &mut DiscreteSystem,
-    space: &Group,
-    steps: usize,
-) -> Result<(SpectrumExtremes, [f64; 2])> {
-    let bound = gershgorin(&problem.matrix, space);
-    let norm = bound[0].abs().max(bound[1].abs());
-    let exchange = &mut problem.exchange;
-    let found = extremes(&problem.matrix, exchange, space, norm, problem.norm_terms, steps);
-    for end in [found.highest, found.lowest] {
-        if !end.value.is_finite() {
-            return Err(Error::NotFinite(format!("{} as an eigenvalue of S", end.value)));
-        }
-    }
-    Ok((found, bound))
+/// `S` on the ranks of a space group.
+pub struct SymmetricPart<'a> {
+    /// The rows of `(S, K)`.
+    pub matrix: &'a BlockMatrix,
+    /// Exchange of ghosts.
+    pub exchange: &'a mut GhostExchange,
+    /// Number of terms of a norm over all ranks.
+    pub unknowns: usize,
 }
 
-/// Lanczos on `S` until both ends of the spectrum are found, at most `steps` steps, without
-/// reorthogonalisation: copies of converged values appear, which do not affect the extremes. `norm`
-/// bounds `‖S‖`; `unknowns` is the number of terms of a norm over all ranks. Collective over
-/// `space`.
-pub fn extremes(
-    matrix: &BlockMatrix,
-    exchange: &mut GhostExchange,
-    space: &Group,
-    norm: f64,
-    unknowns: usize,
-    steps: usize,
-) -> SpectrumExtremes {
-    let rows = matrix.rows();
-    let mut vector = start_vector(matrix, unknowns);
-    let dot =
-        |a: &[f64], b: &[f64], bound: f64| matrix.sum_rows(space, bound, unknowns, |i| a[i] * b[i]);
-    let most = matrix.block.velocity_cells as f64;
-    let length = dot(&vector, &vector, most).sqrt();
-    vector[..rows].iter_mut().for_each(|x| *x /= length);
-    let mut previous = vec![0.0; rows];
-    let mut image = vec![0.0; matrix.length()];
-    let (mut alpha, mut beta): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
-    let bound = 2.0 * norm * norm.max(1.0) + 1.0;
-    let mut off = 0.0;
-    let mut found: Option<[SpectrumEnd; 2]> = None;
-    let mut next_look = 2;
-    loop {
-        matrix.apply(exchange, Operator::Symmetric, &mut image, &mut vector);
-        let a = dot(&image, &vector, bound);
-        for i in 0..rows {
-            image[i] -= a * vector[i] + off * previous[i];
+impl SymmetricPart<'_> {
+    /// Gershgorin's bounds on the spectrum: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`.
+    /// Collective over `space`.
+    pub fn gershgorin(&self, space: &Group) -> [f64; 2] {
+        let matrix = self.matrix;
+        let mut bounds = [f64::NEG_INFINITY; 2];
+        let shared = matrix.shared_row();
+        for i in 0..matrix.rows() {
+            let (mut diagonal, mut radius) = (0.0, 0.0);
+            for (j, s, _) in matrix.row(i) {
+                if i == j {
+                    diagonal = s;
+                } else {
+                    radius += s.abs();
+                }
+            }
+            if shared == Some(i) {
+                // Every rank holds its part of this row.
+                radius = space.sum_terms(&[radius]);
+            }
+            bounds[0] = bounds[0].max(radius - diagonal);
+            bounds[1] = bounds[1].max(radius + diagonal);
         }
-        alpha.push(a);
-        off = dot(&image, &image, bound).max(0.0).sqrt();
-        // The Krylov space is invariant: more steps from this start find no other eigenvalue.
-        let exhausted = off <= 1e-14 * norm || !off.is_finite();
-        let m = alpha.len();
-        let over = exhausted || m >= steps;
-        if over || m == next_look {
-            next_look = m + 1 + m / BETWEEN_LOOKS;
-            found = Some(with_earlier(ends(&alpha, &beta, off), found));
-        }
-        if let Some([highest, lowest]) = found
-            && (over || (highest.converged && lowest.converged))
-        {
-            return SpectrumExtremes { highest, lowest, steps: m };
-        }
-        beta.push(off);
-        for i in 0..rows {
-            previous[i] = vector[i];
-            vector[i] = image[i] / off;
+        space.max_into(&mut bounds);
+        [-bounds[0], bounds[1]]
+    }
+
+    /// Lanczos until both ends of the spectrum are found, at most `steps` steps, without
+    /// reorthogonalisation: copies of converged values appear, which do not affect the extremes.
+    /// `norm` bounds `‖S‖`. Collective over `space`.
+    pub fn extremes(&mut self, space: &Group, norm: f64, steps: usize) -> SpectrumExtremes {
+        let Self { matrix, exchange, unknowns } = self;
+        let (matrix, unknowns) = (*matrix, *unknowns);
+        let rows = matrix.rows();
+        let mut vector = start_vector(matrix, unknowns);
+        let dot = |a: &[f64], b: &[f64], bound: f64| {
+            matrix.sum_rows(space, bound, unknowns, |i| a[i] * b[i])
+        };
+        let most = matrix.block.velocity_cells as f64;
+        let length = dot(&vector, &vector, most).sqrt();
+        vector[..rows].iter_mut().for_each(|x| *x /= length);
+        let mut previous = vec![0.0; rows];
+        let mut image = vec![0.0; matrix.length()];
+        let (mut alpha, mut beta): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+        let bound = 2.0 * norm * norm.max(1.0) + 1.0;
+        let mut off = 0.0;
+        let mut found: Option<[SpectrumEnd; 2]> = None;
+        let mut next_look = 2;
+        loop {
+            matrix.apply(exchange, Operator::Symmetric, &mut image, &mut vector);
+            let a = dot(&image, &vector, bound);
+            for i in 0..rows {
+                image[i] -= a * vector[i] + off * previous[i];
+            }
+            alpha.push(a);
+            off = dot(&image, &image, bound).max(0.0).sqrt();
+            // The Krylov space is invariant: more steps from this start find no other eigenvalue.
+            let exhausted = off <= 1e-14 * norm || !off.is_finite();
+            let m = alpha.len();
+            let over = exhausted || m >= steps;
+            if over || m == next_look {
+                next_look = m + 1 + m / BETWEEN_LOOKS;
+                found = Some(with_earlier(ends(&alpha, &beta, off), found));
+            }
+            if let Some([highest, lowest]) = found
+                && (over || (highest.converged && lowest.converged))
+            {
+                return SpectrumExtremes { highest, lowest, steps: m };
+            }
+            beta.push(off);
+            for i in 0..rows {
+                previous[i] = vector[i];
+                vector[i] = image[i] / off;
+            }
         }
     }
 }
