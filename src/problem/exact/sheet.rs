@@ -152,8 +152,6 @@ pub struct Sheets<'a> {
     faces: Vec<Vec<f64>>,
     /// Number of particles that halvings may still add.
     budget: usize,
-    /// Number of particles that halvings added.
-    used: usize,
     found: FollowedBoxes,
     failure: Option<Error>,
     /// Number of the first box that is being followed.
@@ -167,6 +165,8 @@ pub struct FollowedBoxes {
     pub deposits: Vec<Deposit>,
     /// Pieces of the curve, in one dimension.
     pub lines: Vec<Line>,
+    /// Number of particles that halvings added.
+    pub added: usize,
 }
 
 /// Number of particles that halvings of boxes may add.
@@ -174,16 +174,16 @@ pub struct FollowedBoxes {
 pub struct ParticleBudget(usize);
 
 impl ParticleBudget {
-    /// Whether boxes of `case` that added `used` particles in all, each with the whole budget,
+    /// Whether boxes of `case` that added `added` particles in all, each with the whole budget,
     /// would be halved in the same way with this one budget for all: it lasts until the last
     /// halving.
-    pub fn allows(self, space: &PhaseSpace, used: usize) -> bool {
-        used == 0 || used - particles_of_halving(space.dimension()) < self.0
+    pub fn allows(self, space: &PhaseSpace, added: usize) -> bool {
+        added == 0 || added - particles_of_halving(space.dimension()) < self.0
     }
 
-    /// The budget that is left after `used` particles.
-    pub fn less(self, used: usize) -> Self {
-        Self(self.0.saturating_sub(used))
+    /// The budget that is left after halvings that added `added` particles.
+    pub fn less(self, added: usize) -> Self {
+        Self(self.0.saturating_sub(added))
     }
 }
 
@@ -238,7 +238,6 @@ impl<'a> Sheets<'a> {
             velocity,
             faces: case.space.x.iter().map(Axis::cell_faces).collect(),
             budget: 0,
-            used: 0,
             found: FollowedBoxes::default(),
             failure: None,
             number: 0,
@@ -265,8 +264,7 @@ impl<'a> Sheets<'a> {
     }
 
     /// Follows the first boxes `numbers` (row-major) of `sheet`, halved as far as needed within
-    /// `budget`. Returns their mass in cells and their pieces of the curve, and the number of
-    /// particles that halvings added.
+    /// `budget`.
     ///
     /// # Errors
     /// [`Error::Formula`] where `density` or `velocity` is not finite.
@@ -275,8 +273,8 @@ impl<'a> Sheets<'a> {
         sheet: InitialSheet,
         numbers: impl Iterator<Item = usize>,
         ParticleBudget(budget): ParticleBudget,
-    ) -> Result<(FollowedBoxes, usize)> {
-        (self.budget, self.used) = (budget, 0);
+    ) -> Result<FollowedBoxes> {
+        self.budget = budget;
         let (counts, width) = grid(self.case, sheet);
         for number in numbers {
             self.number = number;
@@ -284,7 +282,7 @@ impl<'a> Sheets<'a> {
             self.follow(sheet, piece);
         }
         let found = std::mem::take(&mut self.found);
-        self.failure.take().map_or(Ok((found, self.used)), Err)
+        self.failure.take().map_or(Ok(found), Err)
     }
 
     fn space(&self) -> &'a PhaseSpace {
@@ -394,7 +392,7 @@ impl<'a> Sheets<'a> {
         let halve = self.axis_to_halve(&piece, &centre, corners, shape.as_ref());
         if let Some(a) = halve.filter(|_| self.budget > 0) {
             self.budget = self.budget.saturating_sub(particles_of_halving(n));
-            self.used += particles_of_halving(n);
+            self.found.added += particles_of_halving(n);
             for sign in [-1.0, 1.0] {
                 let mut part = piece;
                 part.half[a] *= 0.5;
