@@ -31,7 +31,7 @@ use crate::solve::modes::RunHooks;
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
 use crate::solve::rank_modes::{ModeProgress, RankModes};
-use crate::solve::stage::{FullRunModes, RecoveredFields, Task};
+use crate::solve::stage::{FullRunModes, LegEnd, RecoveredFields, Task};
 use crate::solve::system::DiscreteSystem;
 use std::sync::Arc;
 use std::time::Instant;
@@ -203,8 +203,8 @@ impl ModeRun<'_> {
             shares: &self.rank_cells.ranges,
             moments: Some(&moments),
         };
-        let mut after = |field: usize, leg: usize, kept: &RankModes| match files.as_mut() {
-            Some(files) => self.write(files, field, leg, kept),
+        let mut after = |end: LegEnd, kept: &RankModes| match files.as_mut() {
+            Some(files) => self.write(files, end, kept),
             None => Ok(()),
         };
         let begun = case.warped_start.is_some();
@@ -228,8 +228,7 @@ impl ModeRun<'_> {
     fn write(
         &self,
         files: &mut WarpedOutput<'_>,
-        field: usize,
-        leg: usize,
+        LegEnd { field, leg }: LegEnd,
         kept: &RankModes,
     ) -> Result<()> {
         let DistributedModes { case, plan, warp, spread } = self.planned;

@@ -24,7 +24,7 @@ use crate::solve::batch::{BatchDestination, add_batch};
 use crate::solve::checkpoint::watch::RankState;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint};
 use crate::solve::rank_modes::ModeProgress;
-use crate::solve::stage::{FullRunModes, RecoveredFields, Stage, StageBatches, Task};
+use crate::solve::stage::{FullRunModes, LegEnd, RecoveredFields, Stage, StageBatches, Task};
 use crate::solve::statistics::BatchStatistics;
 use std::ops::Range;
 use std::time::Instant;
@@ -142,7 +142,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         memory::mark();
         stage.finish(task, self.system.matrix.block.velocity_cells, &mut self.recovered);
         match self.keeping.as_deref_mut() {
-            Some(keeping) => (keeping.after)(k, leg, keeping.kept),
+            Some(keeping) => (keeping.after)(LegEnd { field: k, leg }, keeping.kept),
             None => Ok(()),
         }
     }

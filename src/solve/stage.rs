@@ -71,8 +71,17 @@ pub struct FullRunModes<'a> {
     pub kept: &'a mut RankModes,
     /// Whether the run starts from these modes instead of the fields at time zero.
     pub begun: bool,
-    /// Called on all ranks with `(field, leg, modes)` at the end of each leg.
-    pub after: &'a mut dyn FnMut(usize, usize, &RankModes) -> Result<()>,
+    /// Called on all ranks with the modes at the end of each leg.
+    pub after: &'a mut dyn FnMut(LegEnd, &RankModes) -> Result<()>,
+}
+
+/// The end of a leg of a field's modes.
+#[derive(Clone, Copy, Debug)]
+pub struct LegEnd {
+    /// Number of the field.
+    pub field: usize,
+    /// Number of the leg.
+    pub leg: usize,
 }
 
 /// The finished part of a stage.
