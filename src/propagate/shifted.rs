@@ -13,7 +13,7 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::propagate::evolution::{Evolution, MatrixShare};
-use crate::propagate::gmres::{Gmres, length};
+use crate::propagate::gmres::{Gmres, ResidualNorms, length};
 use crate::propagate::local_factors::LocalFactors;
 use num_complex::Complex64;
 
@@ -134,7 +134,8 @@ impl ShiftedSolver {
                 });
             }
             before = found;
-            applications += gmres.improve(local, system, z, found, aim * norm, size);
+            let norms = ResidualNorms { from: found, goal: aim * norm, size };
+            applications += gmres.improve(local, system, z, &norms);
         }
     }
 }
