@@ -26,6 +26,7 @@
 //!
 //! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
 
+use crate::base::bisect::bisect_whole;
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -94,15 +95,8 @@ fn least_degree(tau: f64, tail: f64, guess: f64) -> usize {
         probe += if above { step } else { -step };
         step *= 2.0;
     }
-    while high - low > 1.0 {
-        let middle = (0.5 * (low + high)).floor();
-        if long_rest(tau, middle) > tail {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    high as usize
+    let [_, least] = bisect_whole(low as usize, high as usize, |k| long_rest(tau, k as f64) > tail);
+    least
 }
 
 /// The coefficient of term `k` in each lane.
