@@ -9,6 +9,7 @@ use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
 use crate::run::history::history;
 use crate::run::solved::SolvedFields;
+use crate::solve::field_readings::FieldReadings;
 use crate::solve::prepared::Prepared;
 
 /// Integrates every field over all legs. Collective.
@@ -40,7 +41,8 @@ pub(crate) fn integrate_fields(
             });
         });
         let end = before.pop().unwrap_or_default();
-        fields.push(vec![system.weights.unweighted(&rank_cells.mine, end)]);
+        let field = system.weights.unweighted(&rank_cells.mine, end);
+        fields.push(FieldReadings::single(field));
         early.push(before);
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();

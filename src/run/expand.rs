@@ -48,7 +48,7 @@ pub(crate) fn expand(
 ) -> Result<ExpandedResults> {
     let share = &prepared.rank_cells.share;
     let mut fields: Vec<Vec<f64>> = (solution.fields.into_iter())
-        .map(|mut readings| result_grid.field(share, readings.swap_remove(0)))
+        .map(|readings| result_grid.field(share, readings.into_first()))
         .collect();
     let early = (solution.early.into_iter()).map(|early| result_grid.early(share, early)).collect();
     let (world, case) = (&prepared.communicator.world, &result_grid.case);

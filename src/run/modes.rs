@@ -26,6 +26,7 @@ use crate::run::norms::{FieldNorms, volumes_of};
 use crate::run::solved::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint, RunSize};
+use crate::solve::field_readings::FieldReadings;
 use crate::solve::modes;
 use crate::solve::modes::RunHooks;
 use crate::solve::prepared::Prepared;
@@ -276,12 +277,13 @@ fn unweighted(
     recovered: RecoveredFields,
     summary: &mut Summary,
 ) -> SolvedFields {
-    let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
-        .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
+    let fields: Vec<FieldReadings> = (recovered.fields.into_iter())
+        .map(|readings| readings.map(|u| prepared.unweighted(u)))
         .collect();
     let volumes = volumes_of(prepared);
-    let norms: Vec<FieldNorms<'_>> =
-        (fields.iter()).map(|readings| FieldNorms::new(prepared, &volumes, &readings[0])).collect();
+    let norms: Vec<FieldNorms<'_>> = (fields.iter())
+        .map(|readings| FieldNorms::new(prepared, &volumes, readings.first()))
+        .collect();
     summary.step_error = (norms.iter().zip(recovered.step_errors))
         .map(|(norms, error)| norms.relative(&prepared.unweighted(error)))
         .filter(|e| e.is_finite())

@@ -219,9 +219,9 @@ impl<'a> Driver<'a> {
             compare::verify(prepared, solution, log.prints, summary);
             log.watch.lap("verify");
         }
-        summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
+        summary.continued = compare::continued(prepared, solution.first_field(), summary);
         let plateau = compare::plateau(prepared, solution);
-        let estimated = estimates::of_the_grid(prepared, &solution.fields[0][0])?;
+        let estimated = estimates::of_the_grid(prepared, solution.first_field())?;
         Ok(FieldErrors { plateau, estimated })
     }
 

@@ -7,6 +7,7 @@ use crate::matrix::observables::MOMENTS;
 use crate::problem::legs::Leg;
 use crate::solve::checkpoint::ResumePoint;
 use crate::solve::checkpoint::file::ReadDestination;
+use crate::solve::field_readings::FieldReadings;
 use crate::solve::rank_modes::RankModes;
 use crate::solve::snapshot::{BoxValues, GroupProgress, Snapshot, StoredMode, StoredModes};
 use crate::solve::stage::{RecoveredFields, Stage, StageBatches, Task};
@@ -71,7 +72,7 @@ impl Stage<'_> {
         let mut next = |count: usize| results.by_ref().take(count).collect::<Vec<_>>();
         for k in 0..self.field {
             recovered.early.push(next(Leg::output_times(task.legs).count() - 1));
-            recovered.fields.push(next(task.warp.readings.len()));
+            recovered.fields.push(FieldReadings::new(next(task.warp.readings.len())));
             if k == 0 {
                 recovered.plateau = next(task.warp.plateau.len());
             }
@@ -105,7 +106,8 @@ impl RecoveredFields {
                 continue;
             };
             let plateau = if k == 0 { &self.plateau[..] } else { &[] };
-            all.extend(readings.iter().chain(plateau).map(|r| field(&r[..])));
+            let plateau = plateau.iter().map(Vec::as_slice);
+            all.extend(readings.each().chain(plateau).map(field));
             all.extend(self.step_errors.get(k).map(|e| field(&e[..])));
         }
         all

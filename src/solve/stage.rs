@@ -8,6 +8,7 @@ use crate::problem::legs::Leg;
 use crate::propagate::evolution::{Evolution, InitialState};
 use crate::propagate::method::Propagator;
 use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::field_readings::FieldReadings;
 use crate::solve::rank_modes::RankModes;
 use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::ModeSum;
@@ -35,8 +36,8 @@ pub struct Task<'a> {
 /// The recovered fields on this rank's share of the block's cells.
 #[derive(Clone, Debug, Default)]
 pub struct RecoveredFields {
-    /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`.
-    pub fields: Vec<Vec<Vec<f64>>>,
+    /// `ũ(T)` of each field.
+    pub fields: Vec<FieldReadings>,
     /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
     pub plateau: Vec<Vec<f64>>,
     /// `early[k][t]`: `ũ` of field `k` by the first reading at each output time before the end; at
@@ -173,7 +174,7 @@ impl<'a> Stage<'a> {
         if self.field == 0 {
             recovered.plateau = end.split_off(task.warp.readings.len());
         }
-        recovered.fields.push(end);
+        recovered.fields.push(FieldReadings::new(end));
         recovered.step_errors.extend(self.step_sum.map(share));
         recovered.step_beyond.push(modes.sum_terms(&self.beyond));
     }

@@ -97,7 +97,7 @@ impl ReferenceProblem {
         let volumes = volumes_of(&self.prepared);
         let mut worst = vec![0.0f64; points.len()];
         for (readings, exact) in found.fields.iter().zip(&self.exact) {
-            for (worst, f) in worst.iter_mut().zip(readings) {
+            for (worst, f) in worst.iter_mut().zip(readings.each()) {
                 let error = FieldNorms::new(&self.prepared, &volumes, f).distance(exact);
                 if !error.is_nan() {
                     *worst = worst.max(error);
