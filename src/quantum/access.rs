@@ -232,7 +232,7 @@ impl<'a> SparseAccess<'a> {
         for a in 0..n {
             let (x, v) = (&self.space.x[a], &self.space.v[a]);
             let count = x.nodes.count() as i64;
-            let first = x.split(cell[a] as i64).0 * count;
+            let first = x.element_of(cell[a] as i64) * count;
             let near = (first - 1..=first + count).filter_map(|i| self.space.wrap(a, i));
             for (place, velocity) in near.flat_map(|p| (0..v.cells).map(move |j| (p, j))) {
                 let mut other = cell;

@@ -139,6 +139,11 @@ impl Axis {
         self.cells / self.nodes.count()
     }
 
+    /// The element of cell `j`, which may lie off the axis.
+    pub fn element_of(&self, j: i64) -> i64 {
+        self.split(j).0
+    }
+
     /// The element of cell `j` and the cell's number in it; `j` may lie off the axis.
     pub fn split(&self, j: i64) -> (i64, usize) {
         let count = self.nodes.count() as i64;

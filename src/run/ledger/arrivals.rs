@@ -267,7 +267,7 @@ impl GatheredArrivals {
         let volumes = CellVolumes::new(space, share);
         let place = |cell: [usize; MAX_DIMENSION]| {
             let axes = space.x.iter().zip(cell);
-            number(&mut axes.map(|(axis, j)| part_of(axis, axis.split(j as i64).0 as usize)))
+            number(&mut axes.map(|(axis, j)| part_of(axis, axis.element_of(j as i64) as usize)))
         };
         let places: Vec<usize> = box_cells(share).map(place).collect();
         let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
