@@ -9,7 +9,7 @@ use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
 use crate::run::history::history;
 use crate::run::solved::SolvedFields;
-use crate::solve::field_readings::FieldReadings;
+use crate::solve::field_readings::{FieldHistory, FieldReadings};
 use crate::solve::prepared::Prepared;
 
 /// Integrates every field over all legs. Collective.
@@ -30,20 +30,20 @@ pub(crate) fn integrate_fields(
             .with_progress(progress)
             .with_slopes(slopes);
         let mut state = start.clone();
-        let mut before = Vec::new();
+        let mut times = Vec::new();
         let exchange = &mut system.exchange;
         classical.integrate_legs(exchange, case, &plan.bounds, &mut state, |leg, state| {
-            before.push(if legs[leg].moments_only {
+            times.push(if legs[leg].moments_only {
                 let f = system.weights.own_field(&rank_cells.mine, state);
                 factors.at_points(&f).flatten().collect()
             } else {
                 state[rank_cells.mine.clone()].to_vec()
             });
         });
-        let end = before.pop().unwrap_or_default();
+        let end = times.pop().unwrap_or_default();
         let field = system.weights.unweighted(&rank_cells.mine, end);
         fields.push(FieldReadings::single(field));
-        early.push(before);
+        early.push(FieldHistory { times });
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;

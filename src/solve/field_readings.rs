@@ -1,4 +1,4 @@
-//! The readings of a recovered field.
+//! A recovered field: its readings at the end, and its states before.
 
 /// A field on a rank's share of the cells by each reading of the modes; by one reading, if it is
 /// not recovered from modes.
@@ -41,4 +41,12 @@ impl FieldReadings {
     pub fn map(self, change: impl FnMut(Vec<f64>) -> Vec<f64>) -> Self {
         Self(self.0.into_iter().map(change).collect())
     }
+}
+
+/// A field on a rank's share of the cells at the output times before the end.
+#[derive(Clone, Debug, Default)]
+pub struct FieldHistory {
+    /// `ũ` by the first reading at each time; at times that need moments only, sums over the
+    /// velocities for the moments of `f`, point by point.
+    pub times: Vec<Vec<f64>>,
 }

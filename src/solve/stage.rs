@@ -8,7 +8,7 @@ use crate::problem::legs::Leg;
 use crate::propagate::evolution::{Evolution, InitialState};
 use crate::propagate::method::Propagator;
 use crate::schrodingerization::warp_plan::WarpPlan;
-use crate::solve::field_readings::FieldReadings;
+use crate::solve::field_readings::{FieldHistory, FieldReadings};
 use crate::solve::rank_modes::RankModes;
 use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::ModeSum;
@@ -40,10 +40,8 @@ pub struct RecoveredFields {
     pub fields: Vec<FieldReadings>,
     /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
     pub plateau: Vec<Vec<f64>>,
-    /// `early[k][t]`: `ũ` of field `k` by the first reading at each output time before the end; at
-    /// times that need moments only, sums over the velocities for the moments of `f`, point by
-    /// point.
-    pub early: Vec<Vec<Vec<f64>>>,
+    /// Each field at the output times before the end.
+    pub early: Vec<FieldHistory>,
     /// Largest over the modes of (change of the norm) / (change that its method allows + 1e-12); at
     /// most 1. `None` if the method does not preserve the norm.
     pub unitarity_defect: Option<f64>,
@@ -165,10 +163,10 @@ impl<'a> Stage<'a> {
             found.split_off(found.len() - task.warp.readings.len() - plateau)
         });
         if self.legs.start == 0 {
-            recovered.early.push(Vec::new());
+            recovered.early.push(FieldHistory::default());
         }
         if let Some(early) = recovered.early.last_mut() {
-            early.extend(found);
+            early.times.extend(found);
         }
         let Some(mut end) = at_end else { return };
         if self.field == 0 {

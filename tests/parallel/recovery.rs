@@ -389,7 +389,7 @@ fn results_of_a_run(
     name: &str,
 ) -> Vec<f64> {
     let tolerance = twin.case.tolerance;
-    let early = &run.recovered.early[0];
+    let early = &run.recovered.early[0].times;
     let mut all = Vec::new();
     assert_eq!(early.len(), OUTPUT_TIMES.len(), "{name}");
     let end = run.recovered.fields[0].first();
