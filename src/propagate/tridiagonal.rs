@@ -113,7 +113,7 @@ impl TridiagonalExponential {
         e[end] = 0.0;
     }
 
-    /// The longest step `s`, a multiple of a piece, with `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤ slope · s`,
+    /// The longest step `s`, a multiple of a piece, with `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤ slope s`,
     /// and that integral as the bound on its error.
     pub(super) fn follow(&mut self, m: usize, limits: &ResidualLimits) -> BoundedStep {
         let &ResidualLimits { beta, piece, longest, slope } = limits;
