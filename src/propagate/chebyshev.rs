@@ -34,7 +34,9 @@ use crate::matrix::blocking::fastest::FastestBlocking;
 use crate::matrix::blocking::{MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
-use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};
+use crate::propagate::evolution::{
+    BatchSpec, Evolution, InitialState, MatrixShare, SeriesSize, StateRows,
+};
 use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
@@ -130,9 +132,10 @@ pub struct Chebyshev {
 }
 
 impl Chebyshev {
-    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, with the fastest of the
-    /// blockings that are planned for so many `applications` to batches.
-    pub fn new(matrix: &BlockMatrix, largest_degree: usize, applications: usize) -> Self {
+    /// Scratch for vectors of `matrix` and series of this `size`, with the fastest of the blockings
+    /// that are planned for its applications.
+    pub fn new(matrix: &BlockMatrix, size: SeriesSize) -> Self {
+        let SeriesSize { largest_degree, applications } = size;
         Self::blocked(matrix, largest_degree, FastestBlocking::planned(matrix, applications))
     }
 
@@ -378,7 +381,8 @@ impl Descriptor for ChebyshevMethod {
         setting: &PropagatorSetting,
         matrix: &BlockMatrix,
     ) -> Result<Box<dyn Propagator>> {
-        Ok(Box::new(Chebyshev::new(matrix, setting.largest_work, setting.applications)))
+        let (largest_degree, applications) = (setting.largest_work, setting.applications);
+        Ok(Box::new(Chebyshev::new(matrix, SeriesSize { largest_degree, applications })))
     }
 }
 

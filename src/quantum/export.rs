@@ -38,7 +38,7 @@ use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Interface};
 use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::propagate::chebyshev::{Chebyshev, degree};
-use crate::propagate::evolution::{BatchSpec, Evolution, InitialState};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, SeriesSize};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
@@ -354,7 +354,8 @@ fn evolved_modes(
     let modes = series.modes();
     let works: Vec<usize> = (0..modes).map(&mut work).collect();
     let most = works.iter().copied().max().unwrap_or(0);
-    let mut propagator = Chebyshev::new(&problem.matrix, most, most);
+    let size = SeriesSize { largest_degree: most, applications: most };
+    let mut propagator = Chebyshev::new(&problem.matrix, size);
     let norm = problem.norm(communicator, &problem.states[0]);
     let initial = InitialState::real(&problem.states[0][..rows], norm);
     let mut system = Evolution {

@@ -11,7 +11,6 @@ use crate::base::progress::Progress;
 use crate::matrix::observables::{Moments, VelocityFactors};
 use crate::matrix::sampling::{sample, sample_with};
 use crate::parallel::communicator::Group;
-use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::problem::grid::{Axis, PhaseSpace, box_cells};
@@ -238,7 +237,7 @@ fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
 /// If the exact solution is not finite.
 pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
     let mut share = case.space.space_ranges();
-    share[0] = split(&share[0], group.size(), group.rank());
+    share[0] = group.piece_of(&share[0]);
     if case.is_measure_valued() {
         let moments = exact_moments(group, case, &share)?;
         // The share is a range of the row-major cells.
@@ -256,7 +255,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     let case = Case { space: PhaseSpace { x, ..case.space.clone() }, ..case.clone() };
     let integrals = VelocityIntegrals::on_grid(group, &values_of, &case, case.end);
     let cells: Vec<_> = box_cells(&case.space.space_ranges()).collect();
-    let mine = split(&(0..cells.len()), group.size(), group.rank());
+    let mine = group.piece_of(&(0..cells.len()));
     let mut density = vec![0.0; cells.len()];
     let found = integrals.on_cells(&case, &cells[mine.clone()]);
     for (density, integral) in density[mine].iter_mut().zip(found) {
