@@ -197,8 +197,8 @@ impl CostModel {
         }
     }
 
-    /// Bounds and the ratio of norms of the case's matrix: as measured; or with the growth measured on
-    /// the nearest grid, in proportion to the cells along an axis.
+    /// Bounds and the ratio of norms of the case's matrix: as measured; or with the growth measured
+    /// on the nearest grid, in proportion to the cells along an axis.
     fn bounds(&mut self, case: &Case) -> Result<NormBounds> {
         let own = GridKey::of_matrix(case);
         if let Some(known) = self.measured.get(&own) {
