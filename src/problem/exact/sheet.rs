@@ -199,27 +199,37 @@ pub fn curve_points(case: &Case) -> usize {
         return 0;
     }
     let sheets = [InitialSheet::Initial, InitialSheet::Entering(AxisEnd { axis: 0, upper: false })];
-    let [initial, entering] = sheets.map(|sheet| grid(case, sheet).0[0]);
+    let [initial, entering] = sheets.map(|sheet| FirstBoxes::of(case, sheet).counts[0]);
     let ends = if case.space.is_periodic(0) { 0 } else { 2 };
     3 * (initial + ends * entering) / 2
 }
 
-/// Number and width of the first boxes of a sheet along each axis.
-fn grid(case: &Case, sheet: InitialSheet) -> (Vec<usize>, Vec<f64>) {
-    let axes = &case.space.x;
-    let boxes = BOXES[axes.len() - 1];
-    // The number in each element.
-    let boxes = |a: &Axis| boxes * a.nodes.count();
-    let mut counts: Vec<_> = axes.iter().map(|a| a.elements() * boxes(a)).collect();
-    let mut width: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
-    if let InitialSheet::Entering(AxisEnd { axis, .. }) = sheet {
-        // The fastest particles cross one box of space in one interval of entry times.
-        let fastest = case.space.v[axis].largest_magnitude();
-        let times = (case.end * fastest / width[axis]).ceil().max(1.0);
-        counts[axis] = (times as usize).min(4 * counts[axis]);
-        width[axis] = case.end / counts[axis] as f64;
+/// The first boxes of a sheet.
+struct FirstBoxes {
+    /// Number along each axis.
+    counts: Vec<usize>,
+    /// Width of each along each axis.
+    widths: Vec<f64>,
+}
+
+impl FirstBoxes {
+    /// The first boxes of `sheet`.
+    fn of(case: &Case, sheet: InitialSheet) -> Self {
+        let axes = &case.space.x;
+        let boxes = BOXES[axes.len() - 1];
+        // The number in each element.
+        let boxes = |a: &Axis| boxes * a.nodes.count();
+        let mut counts: Vec<_> = axes.iter().map(|a| a.elements() * boxes(a)).collect();
+        let mut widths: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
+        if let InitialSheet::Entering(AxisEnd { axis, .. }) = sheet {
+            // The fastest particles cross one box of space in one interval of entry times.
+            let fastest = case.space.v[axis].largest_magnitude();
+            let times = (case.end * fastest / widths[axis]).ceil().max(1.0);
+            counts[axis] = (times as usize).min(4 * counts[axis]);
+            widths[axis] = case.end / counts[axis] as f64;
+        }
+        Self { counts, widths }
     }
-    (counts, width)
 }
 
 impl<'a> Sheets<'a> {
@@ -255,7 +265,7 @@ impl<'a> Sheets<'a> {
 
     /// The number of first boxes of `sheet`.
     pub fn boxes(&self, sheet: InitialSheet) -> usize {
-        grid(self.case, sheet).0.iter().product()
+        FirstBoxes::of(self.case, sheet).counts.iter().product()
     }
 
     /// The budget before any box is followed.
@@ -275,10 +285,10 @@ impl<'a> Sheets<'a> {
         ParticleBudget(budget): ParticleBudget,
     ) -> Result<FollowedBoxes> {
         self.budget = budget;
-        let (counts, width) = grid(self.case, sheet);
+        let boxes = FirstBoxes::of(self.case, sheet);
         for number in numbers {
             self.number = number;
-            let piece = self.first_box(sheet, &counts, &width);
+            let piece = self.first_box(sheet, &boxes);
             self.follow(sheet, piece);
         }
         let found = std::mem::take(&mut self.found);
@@ -289,8 +299,9 @@ impl<'a> Sheets<'a> {
         &self.case.space
     }
 
-    /// The first box of number `self.number` of `sheet`, which has `counts` boxes of this `width`.
-    fn first_box(&self, sheet: InitialSheet, counts: &[usize], width: &[f64]) -> ParameterBox {
+    /// The one of number `self.number` of the first `boxes` of `sheet`.
+    fn first_box(&self, sheet: InitialSheet, boxes: &FirstBoxes) -> ParameterBox {
+        let FirstBoxes { counts, widths } = boxes;
         let n = self.space().dimension();
         let mut piece = ParameterBox {
             centre: [0.0; MAX_DIMENSION],
@@ -299,15 +310,15 @@ impl<'a> Sheets<'a> {
             tears: 0,
         };
         for (a, k) in indices(self.number, counts).into_iter().enumerate() {
-            piece.half[a] = 0.5 * width[a];
+            piece.half[a] = 0.5 * widths[a];
             piece.centre[a] = match sheet {
-                InitialSheet::Entering(end) if end.axis == a => (k as f64 + 0.5) * width[a],
+                InitialSheet::Entering(end) if end.axis == a => (k as f64 + 0.5) * widths[a],
                 // Counted from the face of the element, so that sides lie on faces to round-off.
                 _ => {
                     let axis = &self.space().x[a];
                     let boxes = BOXES[n - 1] * axis.nodes.count();
                     let (element, part) = (k / boxes, k % boxes);
-                    axis.face(element as i64) + (part as f64 + 0.5) * width[a]
+                    axis.face(element as i64) + (part as f64 + 0.5) * widths[a]
                 }
             };
         }
