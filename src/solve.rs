@@ -9,6 +9,7 @@
 
 mod batch;
 pub mod checkpoint;
+pub mod field_readings;
 pub mod modes;
 pub mod prepared;
 pub mod rank_cells;

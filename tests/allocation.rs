@@ -15,7 +15,7 @@ use phasewarp::plan::layout::Resources;
 use phasewarp::problem::case::{Case, Integrator};
 use phasewarp::propagate::chebyshev::Chebyshev;
 use phasewarp::propagate::classical::Classical;
-use phasewarp::propagate::evolution::BatchSpec;
+use phasewarp::propagate::evolution::{BatchSpec, SeriesSize};
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::krylov::Krylov;
 use phasewarp::propagate::limiter::Reconstruction;
@@ -103,7 +103,8 @@ fn series_and_lanczos(world: &World) {
     let case = small("example1.toml", &[]);
     let mut prepared = prepared(world, &case);
     let mut parts = parts(&mut prepared, case.end);
-    let mut chebyshev = Chebyshev::new(parts.evolution.matrix, 100, 1000);
+    let size = SeriesSize { largest_degree: 100, applications: 1000 };
+    let mut chebyshev = Chebyshev::new(parts.evolution.matrix, size);
     let shape = |depth| BlockingShape { depth, width: 1, parts: 1 };
     let several = [Some(4), Some(7), None];
     let several = several.map(|d| d.map(|d| Blocking::new(parts.evolution.matrix, &shape(d))));

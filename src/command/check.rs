@@ -14,7 +14,7 @@ use crate::plan::layout::Resources;
 use crate::problem::case::Case;
 use crate::results::ledger::Ledger;
 use crate::results::result_grid::ResultGrid;
-use crate::results::untrusted;
+use crate::results::untrusted::{self, CheckedFile};
 use crate::run::planning::{MeasuredCase, read_and_reduced};
 use crate::run::{ledger, warnings};
 use serde::Serialize;
@@ -147,7 +147,8 @@ fn checked<'a>(
 /// # Errors
 /// As [`untrusted::check_directory`].
 pub fn check_result(world: &World, args: &CheckResultArgs) -> Result<()> {
-    for (path, datasets) in untrusted::check_directory(&world.group(), &args.directory)? {
+    for file in untrusted::check_directory(&world.group(), &args.directory)? {
+        let CheckedFile { path, datasets } = file;
         print(world, &format!("{}: {datasets} datasets as written", path.display()));
     }
     Ok(())

@@ -57,6 +57,15 @@ pub struct VaryingInflow {
     sources: Vec<InflowSource>,
 }
 
+/// A source of a varying inflow whose value is not finite.
+#[derive(Clone, Copy, Debug)]
+pub struct UndefinedSource {
+    /// The value of the inflow.
+    pub value: f64,
+    /// The point of the source.
+    pub point: [f64; 6],
+}
+
 impl VaryingInflow {
     /// Bytes of a row with one source.
     pub const ROW_BYTES: usize = size_of::<InflowSource>() + size_of::<usize>();
@@ -94,11 +103,14 @@ impl VaryingInflow {
         &self.sources[start..self.ends[m]]
     }
 
-    /// The value of `field`'s inflow at the first source of row `m` where it is not finite, and the
-    /// point of that source.
-    pub fn not_finite(&self, field: &LiouvilleField, m: usize, time: f64) -> (f64, [f64; 6]) {
-        let points = self.sources_of(m).iter().map(|source| source.point);
-        let mut values = points.map(|point| (field.entering().at_point(&point, time), point));
-        values.find(|(value, _)| !value.is_finite()).unwrap_or((f64::NAN, [0.0; 6]))
+    /// The first source of row `m` where `field`'s inflow is not finite.
+    pub fn undefined(&self, field: &LiouvilleField, m: usize, time: f64) -> UndefinedSource {
+        let at_source = |&InflowSource { point, .. }: &InflowSource| UndefinedSource {
+            value: field.entering().at_point(&point, time),
+            point,
+        };
+        let mut values = self.sources_of(m).iter().map(at_source);
+        let undefined = values.find(|source| !source.value.is_finite());
+        undefined.unwrap_or(UndefinedSource { value: f64::NAN, point: [0.0; 6] })
     }
 }

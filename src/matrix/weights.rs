@@ -21,6 +21,7 @@ use crate::base::fixed_point::larger;
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::problem::grid::{Axis, PhaseSpace};
+use std::ops::Range;
 
 /// A Jacobi sweep contracts by `d/(d + s)`; after this many times `d/s` sweeps it has converged.
 const MOST_SWEEPS: f64 = 100.0;
@@ -161,6 +162,19 @@ impl Weights {
         let most = space.max(largest(own.iter().copied()));
         let least = -space.max(largest(own.iter().map(|p| -p)));
         Ok(Self { pi, certificate, sweeps, spread: (most / least).sqrt(), are_volumes: false })
+    }
+
+    /// Turns `ũ` on the cells `range` into `f`, by undoing the weights.
+    pub fn unweighted(&self, range: &Range<usize>, mut state: Vec<f64>) -> Vec<f64> {
+        for (u, pi) in state.iter_mut().zip(&self.pi[range.clone()]) {
+            *u /= pi.sqrt();
+        }
+        state
+    }
+
+    /// `f` on the cells `range` of the whole `state` of a rank.
+    pub fn own_field(&self, range: &Range<usize>, state: &[f64]) -> Vec<f64> {
+        self.unweighted(range, state[range.clone()].to_vec())
     }
 }
 

@@ -6,6 +6,7 @@
 mod sums;
 
 use crate::base::error::{Error, Result};
+use crate::parallel::partition::split;
 use mpi::collective::SystemOperation;
 use mpi::datatype::{Partition, PartitionMut};
 use mpi::ffi;
@@ -13,6 +14,7 @@ use mpi::topology::{Color, SimpleCommunicator};
 use mpi::traits::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::ops::Range;
 
 /// Most elements handed to MPI in one call; counts are C ints, and a bounded piece keeps MPI's own
 /// buffers small.
@@ -113,6 +115,11 @@ impl Group {
     pub fn max_count(&self, value: usize) -> usize {
         debug_assert!(i64::try_from(value).is_ok());
         self.reduced(value as i64, SystemOperation::max()) as usize
+    }
+
+    /// This rank's piece of `range`, of which each rank has a nearly equal one.
+    pub fn piece_of(&self, range: &Range<usize>) -> Range<usize> {
+        split(range, self.size(), self.rank())
     }
 
     /// Whether any rank says so. Collective.

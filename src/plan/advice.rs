@@ -101,8 +101,9 @@ impl Advice {
         let (work, ranks) = (plan.work(case), plan.layout.mesh.ranks());
         let memory = limit.unwrap_or(here);
         let known = Resources { memory_per_rank: Some(memory), ..resources.clone() };
-        let (largest_points, largest_points_mesh) =
-            Layout::largest_points(work, &known).map(|(n, mesh)| (n, mesh.space)).unzip();
+        let (largest_points, largest_points_mesh) = Layout::largest_points(work, &known)
+            .map(|found| (found.points, found.mesh.space))
+            .unzip();
         let cells_of_fields = (case.space.cells() * case.fields.len()) as f64;
         Self {
             meshes: mesh_candidates(case, plan, resources),

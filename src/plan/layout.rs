@@ -103,6 +103,14 @@ pub fn refuse_too_large(case: &Case, resources: &Resources) -> Result<()> {
     Ok(())
 }
 
+/// The most points in `p` with which a run can keep all modes.
+pub(crate) struct LargestPoints {
+    /// `N_p`.
+    pub points: usize,
+    /// The mesh on which they fit.
+    pub mesh: ProcessMesh,
+}
+
 impl Layout {
     pub(crate) fn new(work: PlannedWork<'_>, resources: &Resources) -> Result<Self> {
         let grid = &work.case.space;
@@ -175,7 +183,7 @@ impl Layout {
     pub(crate) fn largest_points(
         work: PlannedWork<'_>,
         resources: &Resources,
-    ) -> Option<(usize, ProcessMesh)> {
+    ) -> Option<LargestPoints> {
         let limit = resources.memory_per_rank.filter(|_| work.warp.is_some())?;
         let grid = &work.case.space;
         let meshes = match &resources.ranks_x {
@@ -184,10 +192,11 @@ impl Layout {
         };
         let most = |mesh: ProcessMesh| {
             let memory = |points| memory_of_points(work, &mesh, points);
-            Some((most_points(MOST_POINTS, limit, memory)?, mesh))
+            let points = most_points(MOST_POINTS, limit, memory)?;
+            Some(LargestPoints { points, mesh })
         };
         // Of equal numbers that of the fewest blocks: the last one counts.
-        meshes.into_iter().rev().filter_map(most).max_by_key(|(points, _)| *points)
+        meshes.into_iter().rev().filter_map(most).max_by_key(|found| found.points)
     }
 
     /// The modes of each mode group, ascending.
@@ -264,7 +273,7 @@ fn meshes(grid: &PhaseSpace, ranks: usize) -> impl Iterator<Item = ProcessMesh> 
 /// is whether `solver.warp.points` can be given.
 fn fewer_points(work: PlannedWork<'_>, given: bool, resources: &Resources) -> String {
     let most = match Layout::largest_points(work, resources) {
-        Some((points, _)) => format!("at most {points} fit"),
+        Some(LargestPoints { points, .. }) => format!("at most {points} fit"),
         None => "no number of them fits".to_owned(),
     };
     let fewer = match (&work.case.warped_start, given) {

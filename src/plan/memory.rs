@@ -303,10 +303,15 @@ impl<'a> FullestRank<'a> {
         let mut list = descriptor(case.propagator.method).arrays(&share);
         let mut buffers = 0;
         if let Some(points) = warp.points {
-            let most = most as u64;
-            let groups = self.mesh.groups as u64;
-            buffers = buffer_bytes(warp.modes as u64, points as u64, self.cells, most, groups);
-            list.push(NamedBytes::new("kept modes", rank_modes_bytes(self.rows(), most)));
+            let exchanged = ExchangedModes {
+                modes: warp.modes as u64,
+                most: most as u64,
+                groups: self.mesh.groups as u64,
+                points: points as u64,
+                cells: self.cells,
+            };
+            buffers = exchanged.buffer_bytes();
+            list.push(NamedBytes::new("kept modes", rank_modes_bytes(self.rows(), most as u64)));
             list.push(NamedBytes::new("buffers of the transpose", buffers));
             if case.warped_start.is_some() {
                 list.push(NamedBytes::new("start between its points", line_bytes(points as u64)));
@@ -564,24 +569,38 @@ fn entries_of_a_row(case: &Case, bounds: &Bounds) -> u64 {
     1 + (0..space.dimension()).map(|a| along(a) as u64).sum::<u64>()
 }
 
-/// Bytes of a rank's buffers for one cell: all its modes, its values, and messages in both
-/// directions.
-pub(crate) fn cell_bytes(modes: u64, points: u64, most: u64, groups: u64) -> u64 {
-    let messages = if groups > 1 { 2 * most } else { 0 };
-    16 * (modes + messages) + 8 * points
+/// The modes and cells that the ranks of the mode groups of a block exchange.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ExchangedModes {
+    /// All modes.
+    pub modes: u64,
+    /// Most modes on a rank.
+    pub most: u64,
+    /// Ranks that share the block.
+    pub groups: u64,
+    /// Points in `p`.
+    pub points: u64,
+    /// Cells of the block.
+    pub cells: u64,
 }
 
-/// Cells of a rank in a round: as many of the `cells` that `groups` ranks share as fit into
-/// `buffers`.
-pub(crate) fn cells_at_once(buffers: u64, cell_bytes: u64, cells: u64, groups: u64) -> u64 {
-    (buffers / cell_bytes).clamp(1, cells.div_ceil(groups))
-}
+impl ExchangedModes {
+    /// Bytes of a rank's buffers for one cell: all its modes, its values, and messages in both
+    /// directions.
+    fn cell_bytes(&self) -> u64 {
+        let messages = if self.groups > 1 { 2 * self.most } else { 0 };
+        16 * (self.modes + messages) + 8 * self.points
+    }
 
-/// Bytes of a rank's buffers for `modes` modes on a block of `cells` cells, with at most `most`
-/// modes on one of `groups` ranks.
-pub fn buffer_bytes(modes: u64, points: u64, cells: u64, most: u64, groups: u64) -> u64 {
-    let cell = cell_bytes(modes, points, most, groups);
-    cell * cells_at_once(BUFFERS, cell, cells, groups) + line_bytes(points)
+    /// Cells of a rank in a round: as many of the block as fit into `buffers` bytes.
+    pub fn cells_at_once(&self, buffers: u64) -> u64 {
+        (buffers / self.cell_bytes()).clamp(1, self.cells.div_ceil(self.groups))
+    }
+
+    /// Bytes of a rank's buffers.
+    fn buffer_bytes(&self) -> u64 {
+        self.cell_bytes() * self.cells_at_once(BUFFERS) + line_bytes(self.points)
+    }
 }
 
 /// Bytes of a line in `p` and of the scratch of its transform.

@@ -112,7 +112,7 @@ impl Potential {
             // The pieces of the elements below along each axis.
             let below: [Option<PotentialPiece>; MAX_DIMENSION] = std::array::from_fn(|a| {
                 let mut below = *i;
-                let element = (a < n).then(|| axes[a].split(i[a] as i64).0)?;
+                let element = (a < n).then(|| axes[a].element_of(i[a] as i64))?;
                 let last = element * axes[a].nodes.count() as i64 - 1;
                 below[a] = case.space.wrap(a, last)?;
                 Some(values.piece(&element_centre(axes, &below)))
@@ -246,7 +246,7 @@ impl Potential {
                 heights.filter(|(_, h)| *h > 0.0).max_by(|a, b| a.1.total_cmp(&b.1))?;
             let cell = self.ranges[a].start + at / self.strides[a] % self.ranges[a].len();
             let (axis, cell) = (&space.x[a], cell as i64);
-            Some(LargestJump { height, face: axis.face(axis.split(cell).0) })
+            Some(LargestJump { height, face: axis.face(axis.element_of(cell)) })
         })
     }
 

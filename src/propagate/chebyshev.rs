@@ -26,6 +26,7 @@
 //!
 //! The interval is guaranteed, not estimated: see [`crate::matrix::bounds`].
 
+use crate::base::bisect::bisect_whole;
 use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -33,7 +34,9 @@ use crate::matrix::blocking::fastest::FastestBlocking;
 use crate::matrix::blocking::{MOST_LEVELS, RecurrenceSteps};
 use crate::matrix::lanes::{LANES, Lanes, StartRow, StepConstants};
 use crate::propagate::bessel::bessel_series;
-use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare, StateRows};
+use crate::propagate::evolution::{
+    BatchSpec, Evolution, InitialState, MatrixShare, SeriesSize, StateRows,
+};
 use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
@@ -94,15 +97,8 @@ fn least_degree(tau: f64, tail: f64, guess: f64) -> usize {
         probe += if above { step } else { -step };
         step *= 2.0;
     }
-    while high - low > 1.0 {
-        let middle = (0.5 * (low + high)).floor();
-        if long_rest(tau, middle) > tail {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    high as usize
+    let [_, least] = bisect_whole(low as usize, high as usize, |k| long_rest(tau, k as f64) > tail);
+    least
 }
 
 /// The coefficient of term `k` in each lane.
@@ -136,9 +132,10 @@ pub struct Chebyshev {
 }
 
 impl Chebyshev {
-    /// Scratch for vectors of `matrix` and degrees up to `largest_degree`, with the fastest of the
-    /// blockings that are planned for so many `applications` to batches.
-    pub fn new(matrix: &BlockMatrix, largest_degree: usize, applications: usize) -> Self {
+    /// Scratch for vectors of `matrix` and series of this `size`, with the fastest of the blockings
+    /// that are planned for its applications.
+    pub fn new(matrix: &BlockMatrix, size: SeriesSize) -> Self {
+        let SeriesSize { largest_degree, applications } = size;
         Self::blocked(matrix, largest_degree, FastestBlocking::planned(matrix, applications))
     }
 
@@ -269,7 +266,7 @@ impl Chebyshev {
         let rows = matrix.rows();
         self.begin(rows, &[1.0; LANES], start);
         let IntermediateMoments { terms, blocking } = passed;
-        terms.expect(0..1);
+        terms.announce(0..1);
         terms.read(0, 0..rows, &self.current, &self.coefficients);
         let mut done = 0;
         while done < degree {
@@ -277,7 +274,7 @@ impl Chebyshev {
             let to = done + system.interruption.applications_until_check(most);
             self.levels.clear();
             self.levels.extend((done..to).map(|k| level(constants, k, [0.0; LANES])));
-            terms.expect(done + 1..to + 1);
+            terms.announce(done + 1..to + 1);
             let steps = RecurrenceSteps { levels: &self.levels, couplings: None };
             let vectors = [&mut self.previous, &mut self.current];
             let at_end = &self.coefficients[..];
@@ -384,7 +381,8 @@ impl Descriptor for ChebyshevMethod {
         setting: &PropagatorSetting,
         matrix: &BlockMatrix,
     ) -> Result<Box<dyn Propagator>> {
-        Ok(Box::new(Chebyshev::new(matrix, setting.largest_work, setting.applications)))
+        let (largest_degree, applications) = (setting.largest_work, setting.applications);
+        Ok(Box::new(Chebyshev::new(matrix, SeriesSize { largest_degree, applications })))
     }
 }
 

@@ -201,9 +201,28 @@ impl<'a> Classical<'a> {
         self.exponential(exchange, state, ClassicalSpan { time: span.time - now, ..span }, EXACT);
     }
 
+    /// `state ← state(t)` at the end `t` of each leg of `case`, one after the other, by its
+    /// integrator with the rate of `bounds`. Then calls `at_end` with the number of the leg and the
+    /// state. Collective over the space group.
+    pub fn integrate_legs(
+        &mut self,
+        exchange: &mut GhostExchange,
+        case: &Case,
+        bounds: &Bounds,
+        state: &mut [f64],
+        mut at_end: impl FnMut(usize, &[f64]),
+    ) {
+        let legs = case.legs().into_iter().zip(classical_steps(case, bounds));
+        for (leg, (time, steps)) in legs.enumerate() {
+            let span = ClassicalSpan { rate: bounds.rate, time };
+            self.integrate(exchange, case, span, steps, state);
+            at_end(leg, state);
+        }
+    }
+
     /// `state ← state(time)` by the integrator of `case`, in so many explicit `steps`; the
     /// exponential knows how many terms it takes. Collective over the space group.
-    pub fn integrate(
+    fn integrate(
         &mut self,
         exchange: &mut GhostExchange,
         case: &Case,

@@ -13,7 +13,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::bessel::bessel_series;
 use crate::propagate::chebyshev::{Chebyshev, degree};
-use crate::propagate::evolution::{BatchSpec, Evolution, InitialState};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, SeriesSize};
 use crate::propagate::method::{BatchReport, Propagator, PropagatorSetting};
 use crate::propagate::time_dependent_inflow::Schedule;
 use num_complex::Complex64;
@@ -50,13 +50,14 @@ impl<'a> CommutatorFree<'a> {
     pub fn new(matrix: &BlockMatrix, setting: &PropagatorSetting, schedule: &'a Schedule) -> Self {
         // A stage's series is shorter than that of the whole run, except for additional terms for
         // its smaller error.
-        let largest = setting.largest_work + 60;
+        let largest_degree = setting.largest_work + 60;
+        let size = SeriesSize { largest_degree, applications: setting.applications };
         Self {
-            chebyshev: Chebyshev::new(matrix, largest, setting.applications),
+            chebyshev: Chebyshev::new(matrix, size),
             start: vec![Lanes::ZERO; matrix.rows()],
             rounded: vec![Lanes::ZERO; matrix.rows()],
             schedule,
-            series: Vec::with_capacity(2 * largest + 200),
+            series: Vec::with_capacity(2 * largest_degree + 200),
         }
     }
 

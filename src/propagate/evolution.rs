@@ -122,6 +122,15 @@ impl BatchSpec {
     }
 }
 
+/// The size of the series of a run.
+#[derive(Clone, Copy, Debug)]
+pub struct SeriesSize {
+    /// The largest degree.
+    pub largest_degree: usize,
+    /// Planned applications to batches.
+    pub applications: usize,
+}
+
 /// The part of the matrix on the fullest rank of a mesh.
 #[derive(Clone, Copy)]
 pub struct MatrixShare<'a> {

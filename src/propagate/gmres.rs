@@ -32,6 +32,16 @@ pub(super) fn length(system: &Evolution<'_>, v: &[Complex64]) -> f64 {
     system.space.sum(bound, system.norm_terms, squares).max(0.0).sqrt()
 }
 
+/// Norms that an improvement of a solution needs.
+pub(super) struct ResidualNorms {
+    /// Norm of the residual before.
+    pub from: f64,
+    /// Norm of the residual that suffices.
+    pub goal: f64,
+    /// A bound on `‖M‖`.
+    pub size: f64,
+}
+
 impl Gmres {
     pub(super) fn new(length: usize, restart: usize) -> Self {
         let zeros = |n: usize| vec![Complex64::ZERO; n];
@@ -74,16 +84,15 @@ impl Gmres {
     }
 
     /// `z ← z + P⁻¹ Σ y_k v_k` with the `y` that minimises the residual in a Krylov space of `M
-    /// P⁻¹`, until its norm, initially `from`, is below `goal`. Returns the applications.
+    /// P⁻¹`, until its norm meets the goal of `norms`. Returns the applications.
     pub(super) fn improve(
         &mut self,
         local: &mut LocalFactors,
         system: &mut Evolution<'_>,
         z: &mut [Complex64],
-        from: f64,
-        goal: f64,
-        size: f64,
+        norms: &ResidualNorms,
     ) -> usize {
+        let &ResidualNorms { from, goal, size } = norms;
         let (rows, stride, restart) = (system.matrix.rows(), self.length, self.restart);
         for (v, r) in self.basis[..rows].iter_mut().zip(&self.residual) {
             *v = r / from;

@@ -23,6 +23,7 @@ use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare};
+use crate::propagate::local_factors::ShiftedMode;
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
@@ -100,7 +101,7 @@ impl Propagator for Implicit {
         let rows = system.matrix.rows();
         for l in (0..batch.modes).filter(|&l| initial.norms[l] > 0.0) {
             let mu = batch.wavenumbers[l];
-            self.system.factorise(system, a, mu)?;
+            self.system.factorise(system, ShiftedMode { shift: a, wavenumber: mu })?;
             for (i, w) in self.mode[..rows].iter_mut().enumerate() {
                 *w = initial.state.row(i).lane(l);
             }

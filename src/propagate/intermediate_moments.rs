@@ -18,7 +18,7 @@ use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MomentsOf;
 use crate::matrix::terms::TermRows;
 use crate::propagate::bessel::bessel_series;
-use crate::propagate::evolution::{BatchSpec, Evolution, MatrixShare};
+use crate::propagate::evolution::{BatchSpec, Evolution, MatrixShare, SeriesSize};
 use num_complex::Complex64;
 use std::ops::Range;
 
@@ -56,15 +56,15 @@ pub(crate) struct PassedTerms<'a> {
 }
 
 impl<'a> IntermediateMoments<'a> {
-    /// Room for legs that pass at most `times` times in series of at most `largest_degree`, with
-    /// the blockings that are planned for so many `applications` to batches.
+    /// Room for legs that pass at most `times` times in series of this `size`, with the blockings
+    /// that are planned for its applications.
     pub fn new(
         matrix: &BlockMatrix,
         moments: &'a MomentsOf<'a>,
         times: usize,
-        largest_degree: usize,
-        applications: usize,
+        size: SeriesSize,
     ) -> Self {
+        let SeriesSize { largest_degree, applications } = size;
         let points = matrix.block.space_cells();
         let terms = PassedTerms {
             scales: moments.pi.iter().map(|pi| 1.0 / pi.sqrt()).collect(),
@@ -147,7 +147,7 @@ impl PassedTerms<'_> {
     }
 
     /// Announces the terms that come next.
-    pub(crate) fn expect(&mut self, terms: Range<usize>) {
+    pub(crate) fn announce(&mut self, terms: Range<usize>) {
         // Later times take more terms.
         let ended = self.lengths.iter().take_while(|length| **length <= terms.start).count();
         self.first = terms.start;

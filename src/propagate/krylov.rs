@@ -37,7 +37,9 @@ use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShar
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
-use crate::propagate::tridiagonal::{DIMENSION, TridiagonalExponential};
+use crate::propagate::tridiagonal::{
+    BoundedStep, DIMENSION, ResidualLimits, TridiagonalExponential,
+};
 use num_complex::Complex64;
 
 /// Number of pieces, of a step guaranteed beforehand, in which the residual is integrated.
@@ -105,6 +107,17 @@ pub struct Krylov {
     beta: Vec<[f64; LANES]>,
     projected: TridiagonalExponential,
     series: Vec<f64>,
+}
+
+/// The limits of a step of a mode.
+struct StepLimits {
+    /// The step that the a-priori bound guarantees.
+    guaranteed: f64,
+    /// The longest step allowed.
+    longest: f64,
+    /// The tolerance of the whole `time`.
+    tolerance: f64,
+    time: f64,
 }
 
 impl Krylov {
@@ -197,33 +210,26 @@ impl Krylov {
         (steps, m)
     }
 
-    /// The step of lane `l` in the space of dimension `m`, and the bound on its error: the longest
-    /// from the guaranteed `step` to `most` that the integrated residual allows. The given
-    /// `tolerance` is that of the whole `time`.
-    fn step_by_residual(
-        &mut self,
-        l: usize,
-        m: usize,
-        step: f64,
-        most: f64,
-        tolerance: f64,
-        time: f64,
-    ) -> (f64, f64) {
+    /// The step of lane `l` in the space of dimension `m`: the longest from the guaranteed one to
+    /// the longest allowed that the integrated residual allows.
+    fn step_by_residual(&mut self, l: usize, m: usize, limits: &StepLimits) -> BoundedStep {
+        let &StepLimits { guaranteed, longest, tolerance, time } = limits;
         let (alpha, beta) = (&self.alpha, &self.beta);
         let found = self.projected.decompose(m, |j| (alpha[j][l], beta[j][l]));
-        let (mut tau, mut error) = (step, tolerance * step / time);
-        if found && tau > 0.0 {
-            let (piece, last) = (tau / PIECES, self.beta[m - 1][l]);
-            let (reach, bound) = self.projected.follow(m, last, piece, most, tolerance / time);
-            if reach >= tau {
-                (tau, error) = (reach.min(most), bound);
+        let mut step = BoundedStep { length: guaranteed, error: tolerance * guaranteed / time };
+        if found && guaranteed > 0.0 {
+            let (piece, beta) = (guaranteed / PIECES, self.beta[m - 1][l]);
+            let limits = ResidualLimits { beta, piece, longest, slope: tolerance / time };
+            let reach = self.projected.follow(m, &limits);
+            if reach.length >= guaranteed {
+                step = BoundedStep { length: reach.length.min(longest), error: reach.error };
             }
             // The step covers the remaining time up to round-off.
-            if most - tau <= 1e-12 * time {
-                tau = most;
+            if longest - step.length <= 1e-12 * time {
+                step.length = longest;
             }
         }
-        (tau, error)
+        step
     }
 
     /// `w ← Σ_j c_j u_j`.
@@ -304,9 +310,13 @@ impl Propagator for Krylov {
 
             let mut coefficients = [Lanes::ZERO; DIMENSION];
             for l in 0..LANES {
-                let most = self.step.unwrap_or(time).min(left[l]);
-                let (tau, error) =
-                    self.step_by_residual(l, m, steps[l], most, batch.tolerances[l], time);
+                let limits = StepLimits {
+                    guaranteed: steps[l],
+                    longest: self.step.unwrap_or(time).min(left[l]),
+                    tolerance: batch.tolerances[l],
+                    time,
+                };
+                let BoundedStep { length: tau, error } = self.step_by_residual(l, m, &limits);
                 report.tails[l] += error + f64::EPSILON;
                 left[l] -= tau;
                 // v_j = i^j u_j.

@@ -9,6 +9,15 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par};
 use num_complex::Complex64;
 
+/// A mode for which `M` is solved.
+#[derive(Clone, Copy, Debug)]
+pub struct ShiftedMode {
+    /// `a`.
+    pub shift: f64,
+    /// `μ`.
+    pub wavenumber: f64,
+}
+
 /// `M` on this rank's rows, column by column, with its factors.
 pub(super) struct LocalFactors {
     offsets: Vec<usize>,
@@ -18,10 +27,8 @@ pub(super) struct LocalFactors {
     numeric: NumericLu<usize, Complex64>,
     factor_scratch: MemBuffer,
     solve_scratch: MemBuffer,
-    /// `a` of the factors.
-    pub(super) shift: f64,
-    /// `μ` of the factors.
-    pub(super) wavenumber: f64,
+    /// The mode of the factors.
+    pub(super) mode: ShiftedMode,
 }
 
 fn failure(reason: &dyn std::fmt::Debug) -> Error {
@@ -58,13 +65,14 @@ impl LocalFactors {
             numeric: NumericLu::new(),
             factor_scratch,
             solve_scratch,
-            shift: 0.0,
-            wavenumber: 0.0,
+            mode: ShiftedMode { shift: 0.0, wavenumber: 0.0 },
         })
     }
 
-    pub(super) fn factorise(&mut self, matrix: &BlockMatrix, a: f64, mu: f64) -> Result<()> {
-        (self.shift, self.wavenumber) = (a, mu);
+    /// Factorises this rank's part of `M` of `mode`.
+    pub(super) fn factorise(&mut self, matrix: &BlockMatrix, mode: ShiftedMode) -> Result<()> {
+        let ShiftedMode { shift: a, wavenumber: mu } = mode;
+        self.mode = mode;
         let count = self.count();
         for j in 0..count {
             let range = self.offsets[j]..self.offsets[j + 1];
@@ -111,9 +119,9 @@ impl LocalFactors {
         y: &mut [Complex64],
         x: &mut [Complex64],
     ) {
-        system.matrix.apply_mode(system.exchange, self.wavenumber, y, x);
+        system.matrix.apply_mode(system.exchange, self.mode.wavenumber, y, x);
         for (y, x) in y.iter_mut().zip(&x[..self.count()]) {
-            *y = x - self.shift * *y;
+            *y = x - self.mode.shift * *y;
         }
     }
 }

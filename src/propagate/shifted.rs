@@ -13,8 +13,8 @@
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::propagate::evolution::{Evolution, MatrixShare};
-use crate::propagate::gmres::{Gmres, length};
-use crate::propagate::local_factors::LocalFactors;
+use crate::propagate::gmres::{Gmres, ResidualNorms, length};
+use crate::propagate::local_factors::{LocalFactors, ShiftedMode};
 use num_complex::Complex64;
 
 /// The target of the relative residual: round-off.
@@ -82,12 +82,12 @@ impl ShiftedSolver {
         })
     }
 
-    /// Factorises `I − aG` for wavenumber `mu`. Collective over the space group.
+    /// Factorises `M` of `mode`. Collective over the space group.
     ///
     /// # Errors
     /// [`Error::Factors`] on any rank.
-    pub fn factorise(&mut self, system: &Evolution<'_>, a: f64, mu: f64) -> Result<()> {
-        let done = self.local.factorise(system.matrix, a, mu);
+    pub fn factorise(&mut self, system: &Evolution<'_>, mode: ShiftedMode) -> Result<()> {
+        let done = self.local.factorise(system.matrix, mode);
         system.space.agree(done)
     }
 
@@ -105,9 +105,9 @@ impl ShiftedSolver {
     ) -> Result<SolveCounts> {
         let (local, gmres) = (&mut self.local, &mut self.gmres);
         let rows = local.count();
-        let interval = system.bounds.interval(local.wavenumber);
+        let interval = system.bounds.interval(local.mode.wavenumber);
         // A bound on ‖M‖, and the round-off of a residual.
-        let size = 1.0 + local.shift * (interval.centre.abs() + interval.half_width);
+        let size = 1.0 + local.mode.shift * (interval.centre.abs() + interval.half_width);
         let round_off = f64::EPSILON * size;
         let (aim, limit) = (AIM + 0.5 * round_off, RESIDUAL + round_off);
         z[..rows].copy_from_slice(&w[..rows]);
@@ -127,14 +127,15 @@ impl ShiftedSolver {
             }
             if applications >= MOST_ITERATIONS || !found.is_finite() {
                 return Err(Error::Solver {
-                    wavenumber: local.wavenumber,
+                    wavenumber: local.mode.wavenumber,
                     residual: found / norm,
                     limit,
                     iterations: applications,
                 });
             }
             before = found;
-            applications += gmres.improve(local, system, z, found, aim * norm, size);
+            let norms = ResidualNorms { from: found, goal: aim * norm, size };
+            applications += gmres.improve(local, system, z, &norms);
         }
     }
 }

@@ -27,7 +27,7 @@ use crate::base::memory;
 use crate::base::text::bytes_text;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::INFLOW_GROWTH;
-use crate::matrix::inflow::AuxiliaryRow;
+use crate::matrix::inflow::{AuxiliaryRow, UndefinedSource};
 use crate::parallel::communicator::{Communicator, GhostExchange};
 use crate::problem::case::{Case, Embedding};
 use crate::problem::grid::describe_point;
@@ -152,7 +152,7 @@ pub fn largest_inflow(case: &Case, matrix: &BlockMatrix) -> Result<f64> {
         let time = sample_time(case, k);
         for (m, value) in matrix.entering.values(field, time).enumerate() {
             if !value.is_finite() {
-                let (value, point) = matrix.entering.not_finite(field, m, time);
+                let UndefinedSource { value, point } = matrix.entering.undefined(field, m, time);
                 let place = describe_point(case.space.dimension(), &point);
                 return Err(field.entering().undefined(value, format!("{place}, t = {time}")));
             }

@@ -17,6 +17,26 @@ pub(super) struct TridiagonalExponential {
     turns: [Complex64; DIMENSION],
 }
 
+/// The limits of a step that the residual determines.
+pub(super) struct ResidualLimits {
+    /// `β_{m−1}`.
+    pub beta: f64,
+    /// The pieces of time in which the residual is integrated.
+    pub piece: f64,
+    /// The longest step, but for a part of a piece.
+    pub longest: f64,
+    /// Allowed error by length of the step.
+    pub slope: f64,
+}
+
+/// A step of a Krylov space.
+pub(super) struct BoundedStep {
+    /// The time that it covers.
+    pub length: f64,
+    /// A bound on its error, relative to the norm of the state.
+    pub error: f64,
+}
+
 impl TridiagonalExponential {
     pub(super) fn new() -> Self {
         Self {
@@ -93,18 +113,12 @@ impl TridiagonalExponential {
         e[end] = 0.0;
     }
 
-    /// The longest multiple of `piece`, at most about `most`, with `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤
-    /// slope · s`; and that integral.
-    pub(super) fn follow(
-        &mut self,
-        m: usize,
-        beta: f64,
-        piece: f64,
-        most: f64,
-        slope: f64,
-    ) -> (f64, f64) {
+    /// The longest step `s`, a multiple of a piece, with `β ∫ |(exp(−iTs))_{m−1,0}| ds ≤ slope s`,
+    /// and that integral as the bound on its error.
+    pub(super) fn follow(&mut self, m: usize, limits: &ResidualLimits) -> BoundedStep {
+        let &ResidualLimits { beta, piece, longest, slope } = limits;
         if beta == 0.0 {
-            return (most, 0.0);
+            return BoundedStep { length: longest, error: 0.0 };
         }
         for k in 0..m {
             let product = self.vectors[k][0] * self.vectors[k][m - 1];
@@ -114,7 +128,7 @@ impl TridiagonalExponential {
         let entry = |terms: &[Complex64]| terms.iter().sum::<Complex64>().norm();
         let (mut s, mut integral) = (0.0, 0.0);
         let mut before = entry(&self.terms[..m]);
-        while s < most {
+        while s < longest {
             for (term, turn) in self.terms[..m].iter_mut().zip(&self.turns) {
                 *term *= turn;
             }
@@ -126,7 +140,7 @@ impl TridiagonalExponential {
             }
             (s, integral, before) = (s + piece, next, after);
         }
-        (s, integral)
+        BoundedStep { length: s, error: integral }
     }
 
     /// `y = exp(−iTτ) e_0`.

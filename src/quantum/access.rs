@@ -34,10 +34,7 @@ pub struct SparseAccess<'a> {
     points: usize,
     /// `P`.
     period: f64,
-    /// `‖H‖_max`.
-    largest: f64,
-    /// Number of nonzero entries of the fullest row.
-    sparsity: usize,
+    bounds: AccessBounds,
 }
 
 /// The couplings `κ` of the rows that the inflow enters, in weighted unknowns.
@@ -89,11 +86,10 @@ impl<'a> SparseAccess<'a> {
             inflow: Couplings { rows: rows.collect(), shared },
             points,
             period,
-            largest: 0.0,
-            sparsity: 0,
+            bounds: AccessBounds::default(),
         };
         let highest = this.wavenumber(0).abs();
-        (this.largest, this.sparsity) = extremes(matrix, highest);
+        this.bounds = AccessBounds::of(matrix, highest);
         Ok(this)
     }
 
@@ -110,12 +106,12 @@ impl<'a> SparseAccess<'a> {
 
     /// `d`: entries of the fullest row that are not zero.
     pub fn sparsity(&self) -> usize {
-        self.sparsity
+        self.bounds.sparsity
     }
 
     /// `‖H‖_max`.
     pub fn largest(&self) -> f64 {
-        self.largest
+        self.bounds.largest
     }
 
     /// `μ_l`.
@@ -236,7 +232,7 @@ impl<'a> SparseAccess<'a> {
         for a in 0..n {
             let (x, v) = (&self.space.x[a], &self.space.v[a]);
             let count = x.nodes.count() as i64;
-            let first = x.split(cell[a] as i64).0 * count;
+            let first = x.element_of(cell[a] as i64) * count;
             let near = (first - 1..=first + count).filter_map(|i| self.space.wrap(a, i));
             for (place, velocity) in near.flat_map(|p| (0..v.cells).map(move |j| (p, j))) {
                 let mut other = cell;
@@ -313,15 +309,26 @@ fn keep_outermost(pairs: &mut Vec<[f64; 2]>) {
     });
 }
 
-/// `‖H‖_max` for wavenumbers up to `highest`, and the number of nonzeros of the fullest row, both
-/// over this rank's rows.
-pub fn extremes(matrix: &BlockMatrix, highest: f64) -> (f64, usize) {
-    let (mut largest, mut fullest) = (0.0f64, 0);
-    for i in 0..matrix.counted_rows() {
-        largest = matrix.row(i).fold(largest, |most, (_, s, k)| most.max((highest * s).hypot(k)));
-        fullest = fullest.max(nonzeros(matrix, i));
+/// The numbers of sparse access to `H` that determine its cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AccessBounds {
+    /// `‖H‖_max`.
+    pub largest: f64,
+    /// `d`: nonzeros of the fullest row.
+    pub sparsity: usize,
+}
+
+impl AccessBounds {
+    /// The bounds of this rank's rows, for wavenumbers up to `highest`.
+    pub fn of(matrix: &BlockMatrix, highest: f64) -> Self {
+        let (mut largest, mut sparsity) = (0.0f64, 0);
+        for i in 0..matrix.counted_rows() {
+            let modulus = matrix.row(i).map(|(_, s, k)| (highest * s).hypot(k));
+            largest = modulus.fold(largest, f64::max);
+            sparsity = sparsity.max(nonzeros(matrix, i));
+        }
+        Self { largest, sparsity }
     }
-    (largest, fullest)
 }
 
 /// Nonzeros of the fullest row over the ranks of `space`. The row of a common auxiliary unknown is

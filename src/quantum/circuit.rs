@@ -45,7 +45,7 @@ pub(in crate::quantum) mod wires;
 use crate::base::disk;
 use crate::base::error::{Error, Result};
 use crate::problem::case::Case;
-use crate::quantum::access::{Scratch, SparseAccess, extremes};
+use crate::quantum::access::{AccessBounds, Scratch, SparseAccess};
 use crate::quantum::circuit::circuit_case::{Bins, CircuitCase};
 use crate::quantum::circuit::description::{
     Check, CircuitDescription, EvolutionDescription, RotationSequence, SparseAccessCost,
@@ -149,7 +149,7 @@ impl CompiledCircuit {
         let highest = highest_mode(modes).unwrap_or(of_register);
         let alpha_of_highest = (highest_mode(modes).is_none())
             .then(|| transport.alpha(CircuitModes::One(of_register), levels));
-        let (largest_entry, nonzeros) = extremes(&system.matrix, highest.abs());
+        let access = AccessBounds::of(&system.matrix, highest.abs());
         let evolution = EvolutionDescription::new(alpha * time, tolerance, &controlled);
         let phases = Phases::new(alpha * time, evolution.steps / 2);
         let mut compiled = Self {
@@ -163,7 +163,7 @@ impl CompiledCircuit {
                 alpha_of_highest,
                 rounded,
                 change,
-                sparse: SparseAccessCost::new(nonzeros, largest_entry, time, tolerance),
+                sparse: SparseAccessCost::new(access, time, tolerance),
                 counts: circuit.counts(),
                 controlled,
                 walk_tolerance,

@@ -38,7 +38,7 @@ use crate::parallel::communicator::Communicator;
 use crate::problem::case::{Case, Interface};
 use crate::problem::exported::{self, ExportKind, ExportOwner};
 use crate::propagate::chebyshev::{Chebyshev, degree};
-use crate::propagate::evolution::{BatchSpec, Evolution, InitialState};
+use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, SeriesSize};
 use crate::propagate::interruption::Interruption;
 use crate::propagate::method::Propagator;
 use crate::quantum::access::{Scratch, SparseAccess};
@@ -46,7 +46,9 @@ use crate::quantum::circuit::formats::qasm;
 use crate::quantum::export::complete::{
     CompleteCircuit, CompleteCircuitInput, CompleteDescription,
 };
-use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid, norm, real};
+use crate::quantum::export::reading::{
+    CircuitRegisters, MeasuredField, PointGrid, norm, real_parts,
+};
 use crate::quantum::matrices::{MatrixMarket, Symmetry};
 use crate::quantum::planned_modes;
 use crate::quantum::purpose::CasePurpose;
@@ -320,7 +322,7 @@ fn initial_modes(start: &[Complex64], system: &[f64], unknowns: usize) -> Vec<Co
 fn profile(start: &[Complex64]) -> std::result::Result<Vec<f64>, String> {
     let profile: Vec<Complex64> = transformed(start).collect();
     let size = norm(&profile);
-    let (amplitudes, imaginary) = real(&profile);
+    let imaginary = profile.iter().fold(0.0, |m: f64, x| m.max(x.im.abs()));
     if imaginary > 1e-13 * size {
         return Err(format!(
             "the amplitudes in p are complex (imaginary parts up to {:.1e}): the coefficient of \
@@ -329,7 +331,7 @@ fn profile(start: &[Complex64]) -> std::result::Result<Vec<f64>, String> {
             imaginary / size
         ));
     }
-    Ok(amplitudes)
+    Ok(real_parts(&profile))
 }
 
 /// `w̃(T)` to round-off, not normalised, of the rows of `problem`, with these amplitudes of the
@@ -352,7 +354,8 @@ fn evolved_modes(
     let modes = series.modes();
     let works: Vec<usize> = (0..modes).map(&mut work).collect();
     let most = works.iter().copied().max().unwrap_or(0);
-    let mut propagator = Chebyshev::new(&problem.matrix, most, most);
+    let size = SeriesSize { largest_degree: most, applications: most };
+    let mut propagator = Chebyshev::new(&problem.matrix, size);
     let norm = problem.norm(communicator, &problem.states[0]);
     let initial = InitialState::real(&problem.states[0][..rows], norm);
     let mut system = Evolution {

@@ -361,14 +361,21 @@ pub fn open(directory: &Path) -> Result<StoredRun> {
     StoredRun::read(directory).map_err(|e| wrong(&e))
 }
 
+/// A file whose datasets are as they were written.
+pub struct CheckedFile {
+    /// The file.
+    pub path: PathBuf,
+    /// Number of its datasets.
+    pub datasets: usize,
+}
+
 /// Compares the datasets of `directory/result.h5` and of the warped fields beside it, and all
-/// files, with their checksums; returns the number of datasets of each file. Collective over
-/// `world`.
+/// files, with their checksums. Collective over `world`.
 ///
 /// # Errors
 /// [`Error::Output`], which names the first dataset or file that has changed; [`Error::Input`] if
 /// there is no `result.h5`.
-pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, usize)>> {
+pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<CheckedFile>> {
     let path = directory.join(RESULT);
     let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
     world.agree(disk::require_file(&path).map_err(|e| fail(&e)))?;
@@ -381,7 +388,8 @@ pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<(PathBuf, 
     })?;
     let names = [RESULT].into_iter().chain(names.iter().map(String::as_str));
     let files = names.map(|name| directory.join(name));
-    let checked = files.map(|path| check(world, &path).map(|datasets| (path, datasets)));
+    let checked =
+        files.map(|path| check(world, &path).map(|datasets| CheckedFile { path, datasets }));
     let checked: Vec<_> = checked.collect::<Result<_>>()?;
     file_checksums::check(world, directory)?;
     Ok(checked)

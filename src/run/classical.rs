@@ -4,11 +4,12 @@ use crate::base::error::Result;
 use crate::base::progress::Progress;
 use crate::matrix::observables::VelocityFactors;
 use crate::problem::legs::Leg;
-use crate::propagate::classical::{Classical, ClassicalSpan, classical_steps};
+use crate::propagate::classical::Classical;
 use crate::propagate::limiter::Reconstruction;
 use crate::results::summary::Summary;
 use crate::run::history::history;
 use crate::run::solved::SolvedFields;
+use crate::solve::field_readings::{FieldHistory, FieldReadings};
 use crate::solve::prepared::Prepared;
 
 /// Integrates every field over all legs. Collective.
@@ -19,7 +20,7 @@ pub(crate) fn integrate_fields(
 ) -> Result<SolvedFields> {
     let Prepared { case, plan, communicator, rank_cells, system, .. } = prepared;
     let world = &communicator.world;
-    let steps = classical_steps(case, &plan.bounds);
+    let legs = Leg::all(case);
     let factors = VelocityFactors::new(&case.space);
     let (mut fields, mut early) = (Vec::new(), Vec::new());
     for (k, start) in system.states.iter().enumerate() {
@@ -29,21 +30,20 @@ pub(crate) fn integrate_fields(
             .with_progress(progress)
             .with_slopes(slopes);
         let mut state = start.clone();
-        let mut before = Vec::new();
-        for (leg, &steps) in Leg::all(case).iter().zip(&steps) {
-            let span = ClassicalSpan { rate: plan.bounds.rate, time: leg.time };
-            classical.integrate(&mut system.exchange, case, span, steps, &mut state);
-            let mine = state[rank_cells.mine.clone()].to_vec();
-            before.push(if leg.moments_only {
-                let f = system.unweighted(&rank_cells.mine, mine);
+        let mut times = Vec::new();
+        let exchange = &mut system.exchange;
+        classical.integrate_legs(exchange, case, &plan.bounds, &mut state, |leg, state| {
+            times.push(if legs[leg].moments_only {
+                let f = system.weights.own_field(&rank_cells.mine, state);
                 factors.at_points(&f).flatten().collect()
             } else {
-                mine
+                state[rank_cells.mine.clone()].to_vec()
             });
-        }
-        let end = before.pop().unwrap_or_default();
-        fields.push(vec![system.unweighted(&rank_cells.mine, end)]);
-        early.push(before);
+        });
+        let end = times.pop().unwrap_or_default();
+        let field = system.weights.unweighted(&rank_cells.mine, end);
+        fields.push(FieldReadings::single(field));
+        early.push(FieldHistory { times });
     }
     summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;

@@ -6,7 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
-use crate::propagate::classical::{Classical, ClassicalSpan, classical_steps};
+use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::round_off;
 use crate::propagate::time_dependent_inflow::Schedule;
 use crate::quantum::labelled_number::LabelledNumber;
@@ -18,6 +18,7 @@ use crate::results::summary::{FieldSummary, Summary};
 use crate::run::norms::{FieldNorms, volumes_of};
 use crate::run::solved::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::field_readings::FieldReadings;
 use crate::solve::prepared::Prepared;
 use crate::solve::system::StateNorms;
 
@@ -35,9 +36,9 @@ const LARGEST_REST: f64 = 2.0;
 /// # Errors
 /// [`Error::NotFinite`].
 pub(crate) fn refuse_not_finite(prepared: &Prepared, solution: &SolvedFields) -> Result<()> {
-    let early = solution.early.iter().flat_map(|early| &early.fields);
-    let fields = solution.fields.iter().flatten().chain(early);
-    let mut values = fields.chain(&solution.plateau).flatten();
+    let early = solution.early.iter().flat_map(|early| &early.fields).chain(&solution.plateau);
+    let fields = solution.fields.iter().flat_map(FieldReadings::each);
+    let mut values = fields.chain(early.map(Vec::as_slice)).flatten();
     let checked = if values.all(|f| f.is_finite()) {
         Ok(())
     } else {
@@ -65,14 +66,14 @@ pub(crate) fn compare(
     let Some(warp) = &plan.warp else {
         return Vec::new();
     };
-    let norm_fell = estimate(prepared, warp, &solution.fields, summary);
+    let norm_fell = estimate(prepared, warp, solution, summary);
     include_step_error(summary);
     summary.inflow_jumps = prepared.system.schedule.as_ref().is_some_and(|all| all.jumps);
     // A measured error says more.
     let jumps = (summary.inflow_jumps && !case.verify).then(|| INFLOW_JUMPS.to_owned());
     let warnings: Vec<String> =
         norm_fell.into_iter().chain(jumps).chain(above_tolerance(plan, summary)).collect();
-    let norms = state_norms(prepared, &solution.fields[0][0]);
+    let norms = state_norms(prepared, solution.first_field());
     summary.probabilities = Some(Probabilities::new(
         &PlannedState::of_plan(warp, &plan.bounds, case),
         norms,
@@ -109,8 +110,8 @@ pub(crate) fn verify(
     for (k, readings) in solution.fields.iter().enumerate() {
         // No leg ends at the start, which may be among the output times.
         let early = solution.early.iter().filter(|early| early.time > prepared.case.start_time);
-        let early = early.map(|early| early.fields.get(k));
-        let ends: Vec<Option<&Vec<f64>>> = early.chain([Some(&readings[0])]).collect();
+        let early = early.map(|early| early.fields.get(k).map(Vec::as_slice));
+        let ends: Vec<Option<&[f64]>> = early.chain([Some(readings.first())]).collect();
         let exact = exact_semidiscrete(prepared, &reference, k, prints);
         let fields =
             ends.into_iter().zip(exact).filter_map(|(field, exact)| field.zip(Some(exact)));
@@ -131,18 +132,16 @@ fn exact_semidiscrete(
     k: usize,
     prints: bool,
 ) -> Vec<Vec<f64>> {
-    let terms = classical_steps(case, &prepared.bounds);
     let Prepared { bounds, rank_cells, system, .. } = prepared;
     let mut state = system.states[k].clone();
-    let progress = Progress::new(prints, "verify", terms.iter().sum());
+    let terms = classical_steps(case, bounds).iter().sum();
+    let progress = Progress::new(prints, "verify", terms);
     let mut classical =
         Classical::of(case, &system.matrix, &system.weights.pi).with_progress(progress);
     let mut ends = Vec::new();
-    for (time, steps) in case.legs().into_iter().zip(terms) {
-        let span = ClassicalSpan { rate: bounds.rate, time };
-        classical.integrate(&mut system.exchange, case, span, steps, &mut state);
-        ends.push(system.own_field(&rank_cells.mine, &state));
-    }
+    classical.integrate_legs(&mut system.exchange, case, bounds, &mut state, |_, state| {
+        ends.push(system.weights.own_field(&rank_cells.mine, state));
+    });
     ends
 }
 
@@ -195,7 +194,7 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
             let norms = FieldNorms::new(prepared, &volumes, field);
             PlateauPoint {
                 p: reading.point,
-                distance: norms.distance(&solution.fields[0][0]),
+                distance: norms.distance(solution.first_field()),
                 norm: (norms.square() * volumes.mean).sqrt(),
             }
         })
@@ -208,22 +207,20 @@ pub(crate) fn plateau(prepared: &Prepared, solution: &SolvedFields) -> Vec<Plate
 fn estimate(
     prepared: &Prepared,
     warp: &WarpPlan,
-    fields: &[Vec<Vec<f64>>],
+    solution: &SolvedFields,
     summary: &mut Summary,
 ) -> Option<String> {
-    let (largest_ratio, found) = of_readings(prepared, warp, fields, summary);
+    let ComparedReadings { largest_ratio, largest_estimate } =
+        compare_readings(prepared, warp, &solution.fields, summary);
     summary.norm_ratio = Some(largest_ratio).filter(|r| *r > 0.0);
     summary.norm_ratio_planned = Some(warp.ratio);
-    let found = match &prepared.system.schedule {
-        Some(schedule) => found.map(|_| estimate_from_steps(prepared, schedule, &fields[0][0])),
-        None => found.map(|(estimate, round_off)| ErrorEstimate {
-            estimate,
-            round_off,
-            doubt: warp.estimate_doubt(),
-        }),
+    let estimate = match &prepared.system.schedule {
+        Some(schedule) => (largest_estimate)
+            .map(|_| estimate_from_steps(prepared, schedule, solution.first_field())),
+        None => largest_estimate,
     };
-    if let Some(found) = found {
-        found.put_into(summary);
+    if let Some(estimate) = estimate {
+        estimate.put_into(summary);
     }
     let fell_more = largest_ratio > RATIO_MARGIN * warp.ratio;
     fell_more.then(|| {
@@ -235,28 +232,35 @@ fn estimate(
     })
 }
 
-/// The largest ratio of the norm of a state at the start to that of its field; and of the field
-/// with the largest estimate from two readings, the estimate and the round-off in it. Puts the
-/// estimates of the fields into `summary`. Collective.
-fn of_readings(
+/// What the readings of all fields show.
+struct ComparedReadings {
+    /// Largest ratio of the norm of a state at the start to that of its field.
+    largest_ratio: f64,
+    /// Largest estimate of the error of a field from two readings, if there are two.
+    largest_estimate: Option<ErrorEstimate>,
+}
+
+/// Compares the two readings of each field, and puts the estimates of the fields into `summary`.
+/// Collective.
+fn compare_readings(
     prepared: &Prepared,
     warp: &WarpPlan,
-    fields: &[Vec<Vec<f64>>],
+    fields: &[FieldReadings],
     summary: &mut Summary,
-) -> (f64, Option<(f64, f64)>) {
+) -> ComparedReadings {
     let (plan, system) = (&prepared.plan, &prepared.system);
     let communicator = &prepared.communicator;
     let volumes = volumes_of(prepared);
     let mut largest_ratio: f64 = 0.0;
-    let mut found: Option<(f64, f64)> = None;
+    let mut largest: Option<ErrorEstimate> = None;
     for (k, (readings, state)) in fields.iter().zip(&system.states).enumerate() {
-        let norms = FieldNorms::new(prepared, &volumes, &readings[0]);
+        let norms = FieldNorms::new(prepared, &volumes, readings.first());
         let ratio = system.norm(communicator, state) / norms.norm();
         if !ratio.is_finite() {
             continue;
         }
         largest_ratio = largest_ratio.max(ratio);
-        if let Some(second) = readings.get(1) {
+        if let Some(second) = readings.second() {
             // The efficiency corrects for the part of the error that both readings share.
             let estimate = norms.distance(second) / warp.estimator_quality.efficiency;
             let amplification: f64 =
@@ -264,12 +268,13 @@ fn of_readings(
             let noise = round_off(plan.steps) * amplification * ratio;
             let round_off = ROUND_OFF_MARGIN * noise / warp.estimator_quality.efficiency;
             summary.fields[k].error_estimate = Some(estimate).filter(|e| e.is_finite());
-            if found.is_none_or(|(e, _)| estimate > e) {
-                found = Some((estimate, round_off));
+            if largest.as_ref().is_none_or(|largest| estimate > largest.estimate) {
+                let doubt = warp.estimate_doubt();
+                largest = Some(ErrorEstimate { estimate, round_off, doubt });
             }
         }
     }
-    (largest_ratio, found)
+    ComparedReadings { largest_ratio, largest_estimate: largest }
 }
 
 /// An estimate of the error of a field, relative to the field.
@@ -303,7 +308,8 @@ impl ErrorEstimate {
 /// The estimate with inflow that depends on time: the distance of `f` to the field that the search
 /// for the number of steps ended with, and the error of that. Collective.
 fn estimate_from_steps(prepared: &Prepared, schedule: &Schedule, f: &[f64]) -> ErrorEstimate {
-    let reference = prepared.system.own_field(&prepared.rank_cells.mine, &schedule.reference);
+    let Prepared { system, rank_cells, .. } = prepared;
+    let reference = system.weights.own_field(&rank_cells.mine, &schedule.reference);
     let volumes = volumes_of(prepared);
     let distance = FieldNorms::new(prepared, &volumes, f).distance(&reference);
     let (rest, stages) = (schedule.reference_error, schedule.stages());

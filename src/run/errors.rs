@@ -36,6 +36,24 @@ const SUMS: usize = 1 + MAX_DIMENSION;
 /// Values of a function of space and the exact ones, at the points of a rank's share.
 type Pair<'a> = (&'a Vec<f64>, &'a Vec<f64>);
 
+/// The result on a rank's share of the user's grid, to be compared with the exact solution.
+pub struct ResultOnShare<'a> {
+    /// The group of all ranks.
+    pub world: &'a Group,
+    /// The case on the grid of the results.
+    pub case: &'a Case,
+    /// Space cells of this rank, one range for each x-axis.
+    pub share: &'a [Range<usize>],
+    /// Volumes of the share's cells.
+    pub volumes: &'a CellVolumes,
+    /// The first field.
+    pub field: &'a [f64],
+    /// Its moments.
+    pub moments: &'a Moments,
+    /// Whether this rank reports the progress of errors.
+    pub prints: bool,
+}
+
 /// Norms over space of the differences of `pairs`, summed over the pairs. Collective.
 pub fn over_space(world: &Group, volumes: &CellVolumes, pairs: &[Pair<'_>]) -> ErrorNorms {
     let terms = |c: usize| {
@@ -48,34 +66,22 @@ pub fn over_space(world: &Group, volumes: &CellVolumes, pairs: &[Pair<'_>]) -> E
     ErrorNorms::of_sums(volumes.integrals(world, terms))
 }
 
-/// Errors of a field of degree 0 whose distance to the exact one is `field`, on the cells of
-/// `volumes`. Collective.
-pub fn by_cells(
-    world: &Group,
-    volumes: &CellVolumes,
-    field: ErrorNorms,
-    found: &Moments,
-    exact: &Moments,
-) -> GridErrors {
+/// Errors of the `result` of degree 0, whose field has the distance `field` to the exact one.
+/// Collective.
+pub fn by_cells(result: &ResultOnShare<'_>, field: ErrorNorms, exact: &Moments) -> GridErrors {
+    let ResultOnShare { world, volumes, moments: found, .. } = *result;
     let density = over_space(world, volumes, &[(&found.density, &exact.density)]);
     let momenta: Vec<Pair<'_>> = found.momentum.iter().zip(&exact.momentum).collect();
     let momentum = over_space(world, volumes, &momenta);
     GridErrors { field: Some(field), density, momentum: Some(momentum), exact_mass: None }
 }
 
-/// Errors of the field `f` of a degree above 0 on a rank's `share` of space, as integrals over
-/// elements. A rank that `prints` reports the progress. Collective.
+/// Errors of the field of a `result` of a degree above 0, as integrals over elements. Collective.
 ///
 /// # Errors
 /// If `V` is not finite.
-pub fn by_elements(
-    world: &Group,
-    case: &Case,
-    exact: &Exact,
-    share: &[Range<usize>],
-    f: &[f64],
-    prints: bool,
-) -> Result<GridErrors> {
+pub fn by_elements(result: &ResultOnShare<'_>, exact: &Exact) -> Result<GridErrors> {
+    let ResultOnShare { world, case, share, field, prints, .. } = *result;
     let values_of = ExactValues::new(world, case, exact)?;
     let mut sums = ElementSums::new(world, case, &values_of);
     let velocities: usize = case.space.v.iter().map(Axis::elements).product();
@@ -83,7 +89,7 @@ pub fn by_elements(
     let of_share: usize = share.iter().map(Range::len).product();
     let mut progress = Progress::new(prints, "exact errors", of_share / nodes * velocities);
     for_each_element(&case.space, share, |element| {
-        sums.add(element, &element.nodal(share, f));
+        sums.add(element, &element.nodal(share, field));
         progress.advance(1);
     });
     progress.finish();

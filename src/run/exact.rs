@@ -11,7 +11,6 @@ use crate::base::progress::Progress;
 use crate::matrix::observables::{Moments, VelocityFactors};
 use crate::matrix::sampling::{sample, sample_with};
 use crate::parallel::communicator::Group;
-use crate::parallel::partition::split;
 use crate::problem::case::{Case, Exact};
 use crate::problem::exact::sheet::sums::ExactMoments;
 use crate::problem::grid::{Axis, PhaseSpace, box_cells};
@@ -50,36 +49,111 @@ fn times(case: &Case) -> Vec<f64> {
     earlier.map(|time| time.time).chain([case.end]).collect()
 }
 
-/// The exact solution of a run of `case` on `rank_cells`; empty if the case names none. A rank that
-/// `prints` reports if it takes long. Collective over `world`.
-///
-/// # Errors
-/// A formula or a start of a characteristic that is not finite, the same on all ranks.
-pub fn exact_run(
-    world: &Group,
-    case: &Case,
-    rank_cells: &RankCells,
-    prints: bool,
-) -> Result<ExactRun> {
-    let mut run = ExactRun::default();
-    let Some(exact) = &case.exact else { return Ok(run) };
-    let times = times(case);
-    let mut watch = ExactWatch::new(prints, times.len(), ExactWork::of(case, rank_cells));
-    let by_sheet = case.is_measure_valued() && matches!(exact, Exact::Characteristics);
-    let values_of = if by_sheet { None } else { Some(ExactValues::new(world, case, exact)?) };
-    for time in times {
-        let found = match &values_of {
-            Some(values_of) => at_time(world, case, rank_cells, time, values_of, &mut watch)?,
-            None => moments_of_sheet(world, case, rank_cells, time)?,
-        };
-        run.moments.push(found.moments);
-        if time == case.end {
-            (run.exact, run.density_errors) = (Some(found.exact), found.density_errors);
+/// The computation of the exact solution of a run.
+#[derive(Clone, Copy)]
+pub struct ExactTask<'a> {
+    /// The group of all ranks.
+    pub world: &'a Group,
+    /// The case on the grid of the results.
+    pub case: &'a Case,
+    /// The part of this rank in that grid.
+    pub rank_cells: &'a RankCells,
+    /// Whether this rank reports if it takes long.
+    pub prints: bool,
+}
+
+impl ExactTask<'_> {
+    /// The exact solution; empty if the case names none. Collective.
+    ///
+    /// # Errors
+    /// A formula or a start of a characteristic that is not finite, the same on all ranks.
+    pub fn run(&self) -> Result<ExactRun> {
+        let Self { world, case, rank_cells, prints } = *self;
+        let mut run = ExactRun::default();
+        let Some(exact) = &case.exact else { return Ok(run) };
+        let times = times(case);
+        let mut watch = ExactWatch::new(prints, times.len(), ExactWork::of(case, rank_cells));
+        let by_sheet = case.is_measure_valued() && matches!(exact, Exact::Characteristics);
+        let values_of = if by_sheet { None } else { Some(ExactValues::new(world, case, exact)?) };
+        for time in times {
+            let found = match &values_of {
+                Some(values_of) => self.at_time(time, values_of, &mut watch)?,
+                None => self.moments_of_sheet(time)?,
+            };
+            run.moments.push(found.moments);
+            if time == case.end {
+                (run.exact, run.density_errors) = (Some(found.exact), found.density_errors);
+            }
+            watch.advance();
         }
-        watch.advance();
+        watch.progress.finish();
+        Ok(run)
     }
-    watch.progress.finish();
-    Ok(run)
+
+    /// The exact moments of measure-valued data at a time, as averages over cells. Collective.
+    fn moments_of_sheet(&self, time: f64) -> Result<AtTime> {
+        let case = Case { end: time, ..self.case.clone() };
+        let ExactMoments { density, momentum, velocity, curve } =
+            exact_moments(self.world, &case, &self.rank_cells.share)?;
+        Ok(AtTime {
+            exact: ExactSolution::Measure { curve },
+            moments: Moments { density, momentum, velocity, kinetic: Vec::new() },
+            density_errors: Vec::new(),
+        })
+    }
+
+    /// The exact solution at a time: `f` at cell centres, and its moments. These are integrals over
+    /// the velocities, averaged over cells of degree 0; or sums over the velocities of the grid, if
+    /// these are accurate enough. `watch` reports the progress. Collective.
+    fn at_time(
+        &self,
+        time: f64,
+        values_of: &ExactValues<'_>,
+        watch: &mut ExactWatch,
+    ) -> Result<AtTime> {
+        /// Cells of space between which the progress is reported.
+        const TOGETHER: usize = 64;
+        let Self { world, case, rank_cells, .. } = *self;
+        let space = &case.space;
+        let values = match values_of {
+            ExactValues::Given(f) => sample(world, space, &rank_cells.part(), f, time),
+            ExactValues::Traced(_) => {
+                let at_points = |points: &[[f64; 6]]| {
+                    watch.progress.advance(points.len());
+                    values_of.values_at(points, time)
+                };
+                let values = sample_with(space, &rank_cells.part(), at_points);
+                if values.iter().all(|f| f.is_finite()) {
+                    Ok(values)
+                } else {
+                    let place = "where a characteristic of exact.kind = \"characteristics\" begins";
+                    Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()))
+                }
+            }
+        };
+        let values = world.agree(values)?;
+        let integrals = VelocityIntegrals::on_grid(world, values_of, case, time);
+        let (moments, density_errors) = match integrals.grid_error() {
+            Some(error) => {
+                let factors = VelocityFactors::new(space);
+                let moments = Moments::of_sums(world, &factors, factors.at_points(&values));
+                let errors = vec![error; moments.density.len()];
+                (moments, errors)
+            }
+            None => {
+                let mut found = Vec::new();
+                let cells: Vec<_> = box_cells(&rank_cells.share).collect();
+                for cells in cells.chunks(TOGETHER) {
+                    found.extend(integrals.on_cells(case, cells));
+                    watch.progress.advance(cells.len() * watch.work.integral);
+                }
+                let errors = found.iter().map(|integral| integral.error).collect();
+                let moments = found.into_iter().map(|integral| integral.moments);
+                (Moments::new(world, space.dimension(), moments), errors)
+            }
+        };
+        Ok(AtTime { exact: ExactSolution::Field(values), moments, density_errors })
+    }
 }
 
 /// What a rank computes at a time, in values of the exact solution.
@@ -156,78 +230,6 @@ fn slowness(all: usize, done: usize, seconds: f64) -> Option<String> {
     })
 }
 
-/// The exact moments of measure-valued data at a time on `rank_cells`, as averages over cells.
-/// Collective.
-fn moments_of_sheet(
-    world: &Group,
-    case: &Case,
-    rank_cells: &RankCells,
-    time: f64,
-) -> Result<AtTime> {
-    let case = Case { end: time, ..case.clone() };
-    let ExactMoments { density, momentum, velocity, curve } =
-        exact_moments(world, &case, &rank_cells.share)?;
-    Ok(AtTime {
-        exact: ExactSolution::Measure { curve },
-        moments: Moments { density, momentum, velocity, kinetic: Vec::new() },
-        density_errors: Vec::new(),
-    })
-}
-
-/// The exact solution at a time on `rank_cells`: `f` at cell centres, and its moments. These are
-/// integrals over the velocities, averaged over cells of degree 0; or sums over the velocities of
-/// the grid, if these are accurate enough. `watch` reports the progress. Collective.
-fn at_time(
-    world: &Group,
-    case: &Case,
-    rank_cells: &RankCells,
-    time: f64,
-    values_of: &ExactValues<'_>,
-    watch: &mut ExactWatch,
-) -> Result<AtTime> {
-    /// Cells of space between which the progress is reported.
-    const TOGETHER: usize = 64;
-    let space = &case.space;
-    let values = match values_of {
-        ExactValues::Given(f) => sample(world, space, &rank_cells.part(), f, time),
-        ExactValues::Traced(_) => {
-            let at_points = |points: &[[f64; 6]]| {
-                watch.progress.advance(points.len());
-                values_of.values_at(points, time)
-            };
-            let values = sample_with(space, &rank_cells.part(), at_points);
-            if values.iter().all(|f| f.is_finite()) {
-                Ok(values)
-            } else {
-                let place = "where a characteristic of exact.kind = \"characteristics\" begins";
-                Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()))
-            }
-        }
-    };
-    let values = world.agree(values)?;
-    let integrals = VelocityIntegrals::on_grid(world, values_of, case, time);
-    let (moments, density_errors) = match integrals.grid_error() {
-        Some(error) => {
-            let factors = VelocityFactors::new(space);
-            let moments = Moments::of_sums(world, &factors, factors.at_points(&values));
-            let errors = vec![error; moments.density.len()];
-            (moments, errors)
-        }
-        None => {
-            let mut found = Vec::new();
-            let cells: Vec<_> = box_cells(&rank_cells.share).collect();
-            for cells in cells.chunks(TOGETHER) {
-                found.extend(integrals.on_cells(case, cells));
-                watch.progress.advance(cells.len() * watch.work.integral);
-            }
-            let errors = found.iter().map(|integral| integral.error).collect();
-            let moments = found.into_iter().map(|integral| integral.moments);
-            (Moments::new(world, space.dimension(), moments), errors)
-        }
-    };
-    Ok(AtTime { exact: ExactSolution::Field(values), moments, density_errors })
-}
-
 /// The exact density at the end, averaged over equal cells of space, as many as `case` has. The
 /// same on all ranks. Collective.
 ///
@@ -235,7 +237,7 @@ fn at_time(
 /// If the exact solution is not finite.
 pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec<f64>> {
     let mut share = case.space.space_ranges();
-    share[0] = split(&share[0], group.size(), group.rank());
+    share[0] = group.piece_of(&share[0]);
     if case.is_measure_valued() {
         let moments = exact_moments(group, case, &share)?;
         // The share is a range of the row-major cells.
@@ -253,7 +255,7 @@ pub fn averaged_density(group: &Group, case: &Case, exact: &Exact) -> Result<Vec
     let case = Case { space: PhaseSpace { x, ..case.space.clone() }, ..case.clone() };
     let integrals = VelocityIntegrals::on_grid(group, &values_of, &case, case.end);
     let cells: Vec<_> = box_cells(&case.space.space_ranges()).collect();
-    let mine = split(&(0..cells.len()), group.size(), group.rank());
+    let mine = group.piece_of(&(0..cells.len()));
     let mut density = vec![0.0; cells.len()];
     let found = integrals.on_cells(&case, &cells[mine.clone()]);
     for (density, integral) in density[mine].iter_mut().zip(found) {

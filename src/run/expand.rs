@@ -3,18 +3,16 @@
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
 use crate::parallel::communicator::Group;
-use crate::problem::case::Case;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, ExactSolution, slices};
 use crate::results::result_grid::ResultGrid;
 use crate::results::summary::{GridErrors, Summary};
-use crate::run::errors;
+use crate::run::errors::{self, ResultOnShare};
 use crate::run::exact::ExactRun;
 use crate::run::norms::FieldNorms;
 use crate::run::positive;
 use crate::run::solved::SolvedFields;
 use crate::solve::prepared::Prepared;
-use std::ops::Range;
 use std::time::Instant;
 
 /// Fields and moments on this rank's share of the user's grid.
@@ -48,7 +46,7 @@ pub(crate) fn expand(
 ) -> Result<ExpandedResults> {
     let share = &prepared.rank_cells.share;
     let mut fields: Vec<Vec<f64>> = (solution.fields.into_iter())
-        .map(|mut readings| result_grid.field(share, readings.swap_remove(0)))
+        .map(|readings| result_grid.field(share, readings.into_first()))
         .collect();
     let early = (solution.early.into_iter()).map(|early| result_grid.early(share, early)).collect();
     let (world, case) = (&prepared.communicator.world, &result_grid.case);
@@ -88,19 +86,6 @@ pub(crate) fn expand(
     Ok(ExpandedResults { fields, moments, potential, totals, early, exact_seconds })
 }
 
-/// The result on a rank's share of the user's grid, to be compared with the exact solution.
-struct ResultOnShare<'a> {
-    world: &'a Group,
-    case: &'a Case,
-    share: &'a [Range<usize>],
-    volumes: &'a CellVolumes,
-    /// The first field.
-    field: &'a [f64],
-    moments: &'a Moments,
-    /// Whether this rank reports the progress of errors.
-    prints: bool,
-}
-
 impl ResultOnShare<'_> {
     /// Puts the distances to the exact solution into `summary`, if there is one. Collective.
     ///
@@ -110,7 +95,7 @@ impl ResultOnShare<'_> {
         let (Some(solution), Some(moments)) = (&exact.exact, exact.moments.last()) else {
             return Ok(());
         };
-        let Self { world, case, share, volumes, prints, .. } = *self;
+        let Self { world, case, volumes, .. } = *self;
         let values = match solution {
             ExactSolution::Measure { .. } => {
                 self.set_moment_errors(moments, summary);
@@ -119,10 +104,10 @@ impl ResultOnShare<'_> {
             ExactSolution::Field(values) => values,
         };
         let errors = match (&case.exact, case.space.whole_degree()) {
-            (Some(kind), 1..) => errors::by_elements(world, case, kind, share, self.field, prints)?,
+            (Some(kind), 1..) => errors::by_elements(self, kind)?,
             _ => {
                 let field = FieldNorms { world, volumes, f: self.field }.errors(values);
-                errors::by_cells(world, volumes, field, self.moments, moments)
+                errors::by_cells(self, field, moments)
             }
         };
         summary.set_errors(&errors);

@@ -4,17 +4,19 @@ use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors,
 use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, slices};
+use crate::solve::field_readings::FieldHistory;
 use crate::solve::prepared::Prepared;
 
-/// Moments and fields at the output times before the end. `recovered` is the state `ũ` there, or
-/// its sums over velocities if only moments are wanted: `[field][time]`. Collective.
-pub(super) fn history(prepared: &Prepared, mut recovered: Vec<Vec<Vec<f64>>>) -> Vec<EarlyResult> {
+/// Moments and fields at the output times before the end, from what was `recovered` of each field
+/// there. Collective.
+pub(super) fn history(prepared: &Prepared, mut recovered: Vec<FieldHistory>) -> Vec<EarlyResult> {
     let case = &prepared.case;
     let volumes = CellVolumes::new(&case.space, &prepared.rank_cells.share);
     let potential = nodal_values(case, &prepared.rank_cells.share);
     let legs = Leg::all(case);
     let at_time = |t: usize| {
-        let found = (recovered.iter_mut()).map(|times| std::mem::take(&mut times[t])).collect();
+        let states = recovered.iter_mut().map(|field| std::mem::take(&mut field.times[t]));
+        let found = states.collect();
         let time = &case.times[t];
         let (moments, fields) = if legs[t].moments_only {
             (moments_of_sums(prepared, found), Vec::new())

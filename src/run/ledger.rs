@@ -48,8 +48,8 @@ const NEGLIGIBLE: f64 = 1e-9;
 /// Distance beyond the velocity box up to which data are evaluated, in widths of the box.
 const BEYOND: f64 = 0.5;
 
-/// Least number of parts of the time, of [`NODES`] nodes each, over which a time-dependent inflow is
-/// integrated: a short pulse that the panels of the propagation overlook is noticed.
+/// Least number of parts of the time, of [`NODES`] nodes each, over which a time-dependent inflow
+/// is integrated: a short pulse that the panels of the propagation overlook is noticed.
 const INFLOW_PARTS: f64 = 256.0;
 
 /// What is known before the solve.

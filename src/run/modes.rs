@@ -26,12 +26,13 @@ use crate::run::norms::{FieldNorms, volumes_of};
 use crate::run::solved::SolvedFields;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint, RunSize};
+use crate::solve::field_readings::FieldReadings;
 use crate::solve::modes;
 use crate::solve::modes::RunHooks;
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
 use crate::solve::rank_modes::{ModeProgress, RankModes};
-use crate::solve::stage::{FullRunModes, RecoveredFields, Task};
+use crate::solve::stage::{FullRunModes, LegEnd, RecoveredFields, Task};
 use crate::solve::system::DiscreteSystem;
 use std::sync::Arc;
 use std::time::Instant;
@@ -203,8 +204,8 @@ impl ModeRun<'_> {
             shares: &self.rank_cells.ranges,
             moments: Some(&moments),
         };
-        let mut after = |field: usize, leg: usize, kept: &RankModes| match files.as_mut() {
-            Some(files) => self.write(files, field, leg, kept),
+        let mut after = |end: LegEnd, kept: &RankModes| match files.as_mut() {
+            Some(files) => self.write(files, end, kept),
             None => Ok(()),
         };
         let begun = case.warped_start.is_some();
@@ -228,8 +229,7 @@ impl ModeRun<'_> {
     fn write(
         &self,
         files: &mut WarpedOutput<'_>,
-        field: usize,
-        leg: usize,
+        LegEnd { field, leg }: LegEnd,
         kept: &RankModes,
     ) -> Result<()> {
         let DistributedModes { case, plan, warp, spread } = self.planned;
@@ -277,12 +277,13 @@ fn unweighted(
     recovered: RecoveredFields,
     summary: &mut Summary,
 ) -> SolvedFields {
-    let fields: Vec<Vec<Vec<f64>>> = (recovered.fields.into_iter())
-        .map(|readings| readings.into_iter().map(|u| prepared.unweighted(u)).collect())
+    let fields: Vec<FieldReadings> = (recovered.fields.into_iter())
+        .map(|readings| readings.map(|u| prepared.unweighted(u)))
         .collect();
     let volumes = volumes_of(prepared);
-    let norms: Vec<FieldNorms<'_>> =
-        (fields.iter()).map(|readings| FieldNorms::new(prepared, &volumes, &readings[0])).collect();
+    let norms: Vec<FieldNorms<'_>> = (fields.iter())
+        .map(|readings| FieldNorms::new(prepared, &volumes, readings.first()))
+        .collect();
     summary.step_error = (norms.iter().zip(recovered.step_errors))
         .map(|(norms, error)| norms.relative(&prepared.unweighted(error)))
         .filter(|e| e.is_finite())

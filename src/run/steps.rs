@@ -16,7 +16,7 @@ use crate::results::summary::Summary;
 use crate::results::{self, warped};
 use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
-use crate::run::exact::{ExactRun, exact_run};
+use crate::run::exact::{ExactRun, ExactTask};
 use crate::run::expand::ExpandedResults;
 use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::ledger::LedgerBeforeRun;
@@ -127,9 +127,13 @@ impl<'a> Driver<'a> {
     /// # Errors
     /// Where the exact solution is not finite.
     pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
-        let world = &planned.prepared.communicator.world;
-        let case = &reduced.result_grid.case;
-        let exact_run = exact_run(world, case, &planned.rank_cells, self.log.prints)?;
+        let task = ExactTask {
+            world: &planned.prepared.communicator.world,
+            case: &reduced.result_grid.case,
+            rank_cells: &planned.rank_cells,
+            prints: self.log.prints,
+        };
+        let exact_run = task.run()?;
         if exact_run.exact.is_some() {
             self.log.watch.lap("exact");
         }
@@ -219,9 +223,9 @@ impl<'a> Driver<'a> {
             compare::verify(prepared, solution, log.prints, summary);
             log.watch.lap("verify");
         }
-        summary.continued = compare::continued(prepared, &solution.fields[0][0], summary);
+        summary.continued = compare::continued(prepared, solution.first_field(), summary);
         let plateau = compare::plateau(prepared, solution);
-        let estimated = estimates::of_the_grid(prepared, &solution.fields[0][0])?;
+        let estimated = estimates::of_the_grid(prepared, solution.first_field())?;
         Ok(FieldErrors { plateau, estimated })
     }
 

@@ -279,7 +279,7 @@ impl LineTerms<'_> {
             let mut point = self.space.point_in_element(cell);
             // The particle came to the face from above if it moved down.
             let above = beyond < 0.0;
-            let element = if above == line.up { line.element } else { x.split(across as i64).0 };
+            let element = if above == line.up { line.element } else { x.element_of(across as i64) };
             let face = x.face(if above { element } else { element + 1 });
             point[a] = x.beside(face, above);
             point[3 + a] = beyond;

@@ -131,7 +131,8 @@ impl WarpPlan {
             }
             None => vec![case.tolerance; modes.count],
         };
-        let (legs, leg_work) = cheapest_legs(case, bounds, &modes, &mode_tolerances);
+        let PlannedLegs { legs, work: leg_work } =
+            PlannedLegs::cheapest(case, bounds, &modes, &mode_tolerances);
         let work: Vec<usize> =
             (0..modes.count).map(|l| leg_work.iter().map(|work| work[l]).sum()).collect();
         let total = case.fields.len() * total_work(case.duration(), bounds, &modes, &work);
@@ -280,32 +281,43 @@ impl WarpPlan {
     }
 }
 
-/// The legs of least cost, and the work of each mode in each: from one output time to the next, or
-/// past output times that need moments only.
-fn cheapest_legs(
-    case: &Case,
-    bounds: &Bounds,
-    modes: &PropagatedModes<'_>,
-    tolerances: &[f64],
-) -> (Vec<Leg>, Vec<Vec<usize>>) {
-    let with_work = |legs: Vec<Leg>| {
-        let work = leg_work(&case.propagator, bounds, modes, tolerances, &legs);
-        (legs, work)
-    };
-    let single = with_work(Leg::all(case));
-    let joined = Leg::joined(&single.0);
-    let passes = descriptor(case.propagator.method).passes_times();
-    if !passes || joined.len() == single.0.len() {
-        return single;
-    }
-    let joined = with_work(joined);
-    let cost = |(legs, work): &(Vec<Leg>, Vec<Vec<usize>>)| -> f64 {
-        let of_leg = |(leg, work): (&Leg, &Vec<usize>)| {
-            cost_of_passing(&case.space, leg.passed.len()) * work.iter().sum::<usize>() as f64
+/// The legs of a run by modes.
+struct PlannedLegs {
+    legs: Vec<Leg>,
+    /// `work[leg][l]`: the work of mode `l` in the leg.
+    work: Vec<Vec<usize>>,
+}
+
+impl PlannedLegs {
+    /// The legs of least cost: from one output time to the next, or past output times that need
+    /// moments only.
+    fn cheapest(
+        case: &Case,
+        bounds: &Bounds,
+        modes: &PropagatedModes<'_>,
+        tolerances: &[f64],
+    ) -> Self {
+        let with_work = |legs: Vec<Leg>| {
+            let work = leg_work(&case.propagator, bounds, modes, tolerances, &legs);
+            Self { legs, work }
         };
-        legs.iter().zip(work).map(of_leg).sum()
-    };
-    if cost(&joined) < cost(&single) { joined } else { single }
+        let single = with_work(Leg::all(case));
+        let joined = Leg::joined(&single.legs);
+        let passes = descriptor(case.propagator.method).passes_times();
+        if !passes || joined.len() == single.legs.len() {
+            return single;
+        }
+        let joined = with_work(joined);
+        if joined.cost(&case.space) < single.cost(&case.space) { joined } else { single }
+    }
+
+    /// The work of all modes in all legs, with that of passing output times.
+    fn cost(&self, space: &PhaseSpace) -> f64 {
+        let of_leg = |(leg, work): (&Leg, &Vec<usize>)| {
+            cost_of_passing(space, leg.passed.len()) * work.iter().sum::<usize>() as f64
+        };
+        self.legs.iter().zip(&self.work).map(of_leg).sum()
+    }
 }
 
 /// Relative cost of an application in a leg that passes `times` output times. Like the plan, it

@@ -103,7 +103,7 @@ impl<'a> Checkpoints<'a> {
         snapshot: impl Fn() -> Snapshot<'s>,
     ) -> Result<bool> {
         let world = &self.communicator.world;
-        self.watch.expect(|| snapshot().bytes());
+        self.watch.predict_write_time(|| snapshot().bytes());
         loop {
             let verdict = self.watch.decide(self.communicator, standing);
             match verdict {

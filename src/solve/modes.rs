@@ -17,14 +17,14 @@ use crate::base::memory;
 use crate::base::progress::Progress;
 use crate::matrix::lanes::Lanes;
 use crate::plan::balance::{self, Batch};
-use crate::propagate::evolution::Evolution;
+use crate::propagate::evolution::{Evolution, SeriesSize};
 use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::Propagator;
 use crate::solve::batch::{BatchDestination, add_batch};
 use crate::solve::checkpoint::watch::RankState;
 use crate::solve::checkpoint::{Checkpoints, ResumePoint};
 use crate::solve::rank_modes::ModeProgress;
-use crate::solve::stage::{FullRunModes, RecoveredFields, Stage, StageBatches, Task};
+use crate::solve::stage::{FullRunModes, LegEnd, RecoveredFields, Stage, StageBatches, Task};
 use crate::solve::statistics::BatchStatistics;
 use std::ops::Range;
 use std::time::Instant;
@@ -62,9 +62,11 @@ pub fn run(
     let times = task.legs.iter().map(|leg| leg.passed.len()).max().unwrap_or(0);
     let matrix = system.matrix;
     let passed = task.moments.filter(|_| times > 0).map(|moments| {
-        let applications = task.initial.len() * balance::applications(task.batches);
-        let largest = task.warp.largest_work();
-        IntermediateMoments::new(matrix, moments, times, largest, applications)
+        let size = SeriesSize {
+            largest_degree: task.warp.largest_work(),
+            applications: task.initial.len() * balance::applications(task.batches),
+        };
+        IntermediateMoments::new(matrix, moments, times, size)
     });
     let at_once = if hooks.keeping.is_some() { 1 } else { legs };
     let stages: Vec<(usize, usize)> = (0..task.initial.len())
@@ -142,7 +144,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         memory::mark();
         stage.finish(task, self.system.matrix.block.velocity_cells, &mut self.recovered);
         match self.keeping.as_deref_mut() {
-            Some(keeping) => (keeping.after)(k, leg, keeping.kept),
+            Some(keeping) => (keeping.after)(LegEnd { field: k, leg }, keeping.kept),
             None => Ok(()),
         }
     }

@@ -165,7 +165,7 @@ impl Prepared {
 
     /// Turns `ũ` on this rank's share into `f`, by undoing the weights.
     pub fn unweighted(&self, state: Vec<f64>) -> Vec<f64> {
-        self.system.unweighted(&self.rank_cells.mine, state)
+        self.system.weights.unweighted(&self.rank_cells.mine, state)
     }
 
     /// This system with the plan of its modes, for the `ratio` of the probe. It is assembled again

@@ -7,6 +7,7 @@ use crate::matrix::observables::MOMENTS;
 use crate::problem::legs::Leg;
 use crate::solve::checkpoint::ResumePoint;
 use crate::solve::checkpoint::file::ReadDestination;
+use crate::solve::field_readings::{FieldHistory, FieldReadings};
 use crate::solve::rank_modes::RankModes;
 use crate::solve::snapshot::{BoxValues, GroupProgress, Snapshot, StoredMode, StoredModes};
 use crate::solve::stage::{RecoveredFields, Stage, StageBatches, Task};
@@ -70,8 +71,9 @@ impl Stage<'_> {
         let state = &generation.state;
         let mut next = |count: usize| results.by_ref().take(count).collect::<Vec<_>>();
         for k in 0..self.field {
-            recovered.early.push(next(Leg::output_times(task.legs).count() - 1));
-            recovered.fields.push(next(task.warp.readings.len()));
+            let times = next(Leg::output_times(task.legs).count() - 1);
+            recovered.early.push(FieldHistory { times });
+            recovered.fields.push(FieldReadings::new(next(task.warp.readings.len())));
             if k == 0 {
                 recovered.plateau = next(task.warp.plateau.len());
             }
@@ -79,7 +81,8 @@ impl Stage<'_> {
             recovered.step_errors.extend(next(errors));
         }
         if self.legs.start > 0 {
-            recovered.early.push(next(Leg::output_times(&task.legs[..self.legs.start]).count()));
+            let times = next(Leg::output_times(&task.legs[..self.legs.start]).count());
+            recovered.early.push(FieldHistory { times });
         }
         recovered.step_beyond.clone_from(&state.step_beyond);
         if modes.is_first() {
@@ -99,13 +102,14 @@ impl RecoveredFields {
         };
         let field = |values| BoxValues { width: velocities, values };
         for (k, early) in self.early.iter().enumerate() {
-            let times = early.iter().zip(Leg::output_times(task.legs));
+            let times = early.times.iter().zip(Leg::output_times(task.legs));
             all.extend(times.map(|(values, only)| BoxValues { width: moments(only), values }));
             let Some(readings) = self.fields.get(k) else {
                 continue;
             };
             let plateau = if k == 0 { &self.plateau[..] } else { &[] };
-            all.extend(readings.iter().chain(plateau).map(|r| field(&r[..])));
+            let plateau = plateau.iter().map(Vec::as_slice);
+            all.extend(readings.each().chain(plateau).map(field));
             all.extend(self.step_errors.get(k).map(|e| field(&e[..])));
         }
         all

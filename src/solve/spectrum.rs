@@ -42,106 +42,152 @@ pub struct SpectrumExtremes {
     pub steps: usize,
 }
 
-/// The largest eigenvalue of the symmetric tridiagonal matrix with diagonal `sign · alpha` and
-/// off-diagonals `beta > 0`, and the modulus of the last component of its eigenvector.
-///
-/// `θ` is above all eigenvalues where all pivots `d_k = θ − α_k − β_{k−1}²/d_{k−1}` are positive:
-/// bisection. The eigenvector is twisted (Dhillon and Parlett 2004): `y_r = 1` at the row `r` with
-/// the smallest residual of the pivots `d` from above and `e` from below, `y_k = y_{k+1} β_k/d_k`
-/// above it, `y_k = y_{k−1} β_{k−1}/e_k` below. All components have one sign, so nothing cancels,
-/// and a small last component is accurate.
-fn largest_pair(sign: f64, alpha: &[f64], beta: &[f64]) -> (f64, f64) {
-    let m = alpha.len();
-    let off = |k: usize| if k < m - 1 { beta[k] } else { 0.0 };
-    let before = |k: usize| if k > 0 { beta[k - 1] } else { 0.0 };
-    let edge = |k: usize, reach: f64| sign * alpha[k] + reach * (off(k) + before(k));
-    let mut low = (0..m).map(|k| edge(k, -1.0)).fold(f64::INFINITY, f64::min);
-    let mut high = (0..m).map(|k| edge(k, 1.0)).fold(f64::NEG_INFINITY, f64::max);
-    let pivot = |theta: f64, k: usize, link: f64, last: f64| {
-        let shifted = theta - sign * alpha[k];
+/// The spectrum of `S`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spectrum {
+    /// Both ends, found by Lanczos.
+    pub extremes: SpectrumExtremes,
+    /// Gershgorin's lower and upper bound.
+    pub gershgorin: [f64; 2],
+}
+
+impl DiscreteSystem {
+    /// Both ends of the spectrum of `S` by at most `steps` Lanczos steps, and Gershgorin's bounds
+    /// on it. Collective over `space`.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`].
+    pub fn spectrum(&mut self, space: &Group, steps: usize) -> Result<Spectrum> {
+        let Self { matrix, exchange, norm_terms, .. } = self;
+        let mut part = SymmetricPart { matrix, exchange, unknowns: *norm_terms };
+        let gershgorin = part.gershgorin(space);
+        let norm = gershgorin[0].abs().max(gershgorin[1].abs());
+        let extremes = part.extremes(space, norm, steps);
+        for end in [extremes.highest, extremes.lowest] {
+            if !end.value.is_finite() {
+                return Err(Error::NotFinite(format!("{} as an eigenvalue of S", end.value)));
+            }
+        }
+        Ok(Spectrum { extremes, gershgorin })
+    }
+}
+
+/// A symmetric tridiagonal matrix with diagonal `sign · alpha` and off-diagonals `beta > 0`.
+struct Tridiagonal<'a> {
+    sign: f64,
+    alpha: &'a [f64],
+    beta: &'a [f64],
+}
+
+impl Tridiagonal<'_> {
+    fn rows(&self) -> usize {
+        self.alpha.len()
+    }
+
+    fn diagonal(&self, k: usize) -> f64 {
+        self.sign * self.alpha[k]
+    }
+
+    /// The entry that couples row `k` to the row before; 0 for the first row.
+    fn before(&self, k: usize) -> f64 {
+        if k > 0 { self.beta[k - 1] } else { 0.0 }
+    }
+
+    /// The entry that couples row `k` to the row after; 0 for the last row.
+    fn after(&self, k: usize) -> f64 {
+        if k < self.rows() - 1 { self.beta[k] } else { 0.0 }
+    }
+
+    /// Gershgorin's bounds on the eigenvalues.
+    fn bounds(&self) -> [f64; 2] {
+        let edge =
+            |k: usize, reach: f64| self.diagonal(k) + reach * (self.after(k) + self.before(k));
+        let low = (0..self.rows()).map(|k| edge(k, -1.0)).fold(f64::INFINITY, f64::min);
+        [low, (0..self.rows()).map(|k| edge(k, 1.0)).fold(f64::NEG_INFINITY, f64::max)]
+    }
+
+    /// The pivot `θ − α_k − link²/last` of row `k`, if `link` couples it to the row with the pivot
+    /// `last`.
+    fn pivot(&self, theta: f64, k: usize, link: f64, last: f64) -> f64 {
+        let shifted = theta - self.diagonal(k);
         if link == 0.0 { shifted } else { shifted - link * link / last }
-    };
-    let above = |theta: f64| {
+    }
+
+    /// Whether all eigenvalues are below `theta`: all pivots `d_k = θ − α_k − β_{k−1}²/d_{k−1}` are
+    /// positive.
+    fn is_below(&self, theta: f64) -> bool {
         let mut d = 1.0;
-        (0..m).all(|k| {
-            d = pivot(theta, k, before(k), d);
+        (0..self.rows()).all(|k| {
+            d = self.pivot(theta, k, self.before(k), d);
             d > 0.0
         })
-    };
-    loop {
-        let middle = 0.5 * (low + high);
-        if !(low < middle && middle < high) {
-            break;
+    }
+
+    /// The largest eigenvalue, by bisection to the last bit.
+    fn largest(&self) -> f64 {
+        let [mut low, mut high] = self.bounds();
+        loop {
+            let middle = 0.5 * (low + high);
+            if !(low < middle && middle < high) {
+                return high;
+            }
+            if self.is_below(middle) {
+                high = middle;
+            } else {
+                low = middle;
+            }
         }
-        if above(middle) {
-            high = middle;
-        } else {
-            low = middle;
+    }
+
+    /// The modulus of the last component of the eigenvector of `theta`, the largest eigenvalue.
+    ///
+    /// The eigenvector is twisted (Dhillon and Parlett 2004): `y_r = 1` at the row `r` with the
+    /// smallest residual of the pivots `d` from above and `e` from below, `y_k = y_{k+1} β_k/d_k`
+    /// above it, `y_k = y_{k−1} β_{k−1}/e_k` below. All components have one sign, so nothing
+    /// cancels, and a small last component is accurate.
+    fn last_component(&self, theta: f64) -> f64 {
+        let m = self.rows();
+        let (mut d, mut e) = (vec![0.0; m], vec![0.0; m]);
+        let mut last = 1.0;
+        for k in 0..m {
+            last = self.pivot(theta, k, self.before(k), last);
+            d[k] = last;
         }
+        for k in (0..m).rev() {
+            last = self.pivot(theta, k, self.after(k), last);
+            e[k] = last;
+        }
+        let residual = |k: usize| (d[k] + e[k] - (theta - self.diagonal(k))).abs();
+        let twist = (0..m).min_by(|&a, &b| residual(a).total_cmp(&residual(b))).unwrap_or(0);
+        let (mut square, mut y) = (1.0, 1.0);
+        for k in (0..twist).rev() {
+            y *= self.after(k) / d[k];
+            square += y * y;
+        }
+        y = 1.0;
+        for k in twist + 1..m {
+            y *= self.before(k) / e[k];
+            square += y * y;
+        }
+        y.abs() / square.sqrt()
     }
-    let (mut d, mut e) = (vec![0.0; m], vec![0.0; m]);
-    let mut last = 1.0;
-    for k in 0..m {
-        last = pivot(high, k, before(k), last);
-        d[k] = last;
-    }
-    for k in (0..m).rev() {
-        last = pivot(high, k, off(k), last);
-        e[k] = last;
-    }
-    let left = |k: usize| (d[k] + e[k] - (high - sign * alpha[k])).abs();
-    let twist = (0..m).min_by(|&a, &b| left(a).total_cmp(&left(b))).unwrap_or(0);
-    let (mut square, mut y) = (1.0, 1.0);
-    for k in (0..twist).rev() {
-        y *= off(k) / d[k];
-        square += y * y;
-    }
-    y = 1.0;
-    for k in twist + 1..m {
-        y *= before(k) / e[k];
-        square += y * y;
-    }
-    (high, y.abs() / square.sqrt())
 }
 
 /// Both ends of the spectrum of the tridiagonal matrix; `last` is the next off-diagonal.
 fn ends(alpha: &[f64], beta: &[f64], last: f64) -> [SpectrumEnd; 2] {
-    let pairs = [1.0, -1.0].map(|sign| (sign, largest_pair(sign, alpha, beta)));
-    let length = pairs[0].1.0 + pairs[1].1.0;
-    pairs.map(|(sign, (theta, component))| {
+    let matrices = [1.0, -1.0].map(|sign| Tridiagonal { sign, alpha, beta });
+    let thetas = matrices.each_ref().map(Tridiagonal::largest);
+    let length = thetas[0] + thetas[1];
+    std::array::from_fn(|k| {
+        let (matrix, theta) = (&matrices[k], thetas[k]);
         // Not below the round-off of the Lanczos recurrence.
-        let residual = (last * component).max(4.0 * f64::EPSILON * length);
+        let residual = (last * matrix.last_component(theta)).max(4.0 * f64::EPSILON * length);
         SpectrumEnd {
-            value: sign * theta,
+            value: matrix.sign * theta,
             residual,
             converged: residual <= (RELATIVE * theta.abs()).max(RELATIVE_TO_LENGTH * length),
         }
     })
-}
-
-/// Gershgorin's bounds on the spectrum of `S`: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`.
-/// Collective over `space`.
-pub fn gershgorin(matrix: &BlockMatrix, space: &Group) -> [f64; 2] {
-    let mut bounds = [f64::NEG_INFINITY; 2];
-    let shared = matrix.shared_row();
-    for i in 0..matrix.rows() {
-        let (mut diagonal, mut radius) = (0.0, 0.0);
-        for (j, s, _) in matrix.row(i) {
-            if i == j {
-                diagonal = s;
-            } else {
-                radius += s.abs();
-            }
-        }
-        if shared == Some(i) {
-            // Every rank holds its part of this row.
-            radius = space.sum_terms(&[radius]);
-        }
-        bounds[0] = bounds[0].max(radius - diagonal);
-        bounds[1] = bounds[1].max(radius + diagonal);
-    }
-    space.max_into(&mut bounds);
-    [-bounds[0], bounds[1]]
 }
 
 /// A start vector that is the same for any partition: a hash of the global number of the unknown.
@@ -152,79 +198,90 @@ fn start_value(global: usize) -> f64 {
     (h >> 11) as f64 / (1u64 << 53) as f64 - 0.5
 }
 
-/// Both ends of the spectrum of a problem's `S`, and Gershgorin's bounds on it. Collective over
-/// `space`.
-///
-/// # Errors
-/// [`Error::NotFinite`].
-pub fn find(
-    problem: &mut DiscreteSystem,
-    space: &Group,
-    steps: usize,
-) -> Result<(SpectrumExtremes, [f64; 2])> {
-    let bound = gershgorin(&problem.matrix, space);
-    let norm = bound[0].abs().max(bound[1].abs());
-    let exchange = &mut problem.exchange;
-    let found = extremes(&problem.matrix, exchange, space, norm, problem.norm_terms, steps);
-    for end in [found.highest, found.lowest] {
-        if !end.value.is_finite() {
-            return Err(Error::NotFinite(format!("{} as an eigenvalue of S", end.value)));
-        }
-    }
-    Ok((found, bound))
+/// `S` on the ranks of a space group.
+pub struct SymmetricPart<'a> {
+    /// The rows of `(S, K)`.
+    pub matrix: &'a BlockMatrix,
+    /// Exchange of ghosts.
+    pub exchange: &'a mut GhostExchange,
+    /// Number of terms of a norm over all ranks.
+    pub unknowns: usize,
 }
 
-/// Lanczos on `S` until both ends of the spectrum are found, at most `steps` steps, without
-/// reorthogonalisation: copies of converged values appear, which do not affect the extremes. `norm`
-/// bounds `‖S‖`; `unknowns` is the number of terms of a norm over all ranks. Collective over
-/// `space`.
-pub fn extremes(
-    matrix: &BlockMatrix,
-    exchange: &mut GhostExchange,
-    space: &Group,
-    norm: f64,
-    unknowns: usize,
-    steps: usize,
-) -> SpectrumExtremes {
-    let rows = matrix.rows();
-    let mut vector = start_vector(matrix, unknowns);
-    let dot =
-        |a: &[f64], b: &[f64], bound: f64| matrix.sum_rows(space, bound, unknowns, |i| a[i] * b[i]);
-    let most = matrix.block.velocity_cells as f64;
-    let length = dot(&vector, &vector, most).sqrt();
-    vector[..rows].iter_mut().for_each(|x| *x /= length);
-    let mut previous = vec![0.0; rows];
-    let mut image = vec![0.0; matrix.length()];
-    let (mut alpha, mut beta): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
-    let bound = 2.0 * norm * norm.max(1.0) + 1.0;
-    let mut off = 0.0;
-    let mut found: Option<[SpectrumEnd; 2]> = None;
-    let mut next_look = 2;
-    loop {
-        matrix.apply(exchange, Operator::Symmetric, &mut image, &mut vector);
-        let a = dot(&image, &vector, bound);
-        for i in 0..rows {
-            image[i] -= a * vector[i] + off * previous[i];
+impl SymmetricPart<'_> {
+    /// Gershgorin's bounds on the spectrum: `min (s_ii − Σ|s_ij|)` and `max (s_ii + Σ|s_ij|)`.
+    /// Collective over `space`.
+    pub fn gershgorin(&self, space: &Group) -> [f64; 2] {
+        let matrix = self.matrix;
+        let mut bounds = [f64::NEG_INFINITY; 2];
+        let shared = matrix.shared_row();
+        for i in 0..matrix.rows() {
+            let (mut diagonal, mut radius) = (0.0, 0.0);
+            for (j, s, _) in matrix.row(i) {
+                if i == j {
+                    diagonal = s;
+                } else {
+                    radius += s.abs();
+                }
+            }
+            if shared == Some(i) {
+                // Every rank holds its part of this row.
+                radius = space.sum_terms(&[radius]);
+            }
+            bounds[0] = bounds[0].max(radius - diagonal);
+            bounds[1] = bounds[1].max(radius + diagonal);
         }
-        alpha.push(a);
-        off = dot(&image, &image, bound).max(0.0).sqrt();
-        // The Krylov space is invariant: more steps from this start find no other eigenvalue.
-        let exhausted = off <= 1e-14 * norm || !off.is_finite();
-        let m = alpha.len();
-        let over = exhausted || m >= steps;
-        if over || m == next_look {
-            next_look = m + 1 + m / BETWEEN_LOOKS;
-            found = Some(with_earlier(ends(&alpha, &beta, off), found));
-        }
-        if let Some([highest, lowest]) = found
-            && (over || (highest.converged && lowest.converged))
-        {
-            return SpectrumExtremes { highest, lowest, steps: m };
-        }
-        beta.push(off);
-        for i in 0..rows {
-            previous[i] = vector[i];
-            vector[i] = image[i] / off;
+        space.max_into(&mut bounds);
+        [-bounds[0], bounds[1]]
+    }
+
+    /// Lanczos until both ends of the spectrum are found, at most `steps` steps, without
+    /// reorthogonalisation: copies of converged values appear, which do not affect the extremes.
+    /// `norm` bounds `‖S‖`. Collective over `space`.
+    pub fn extremes(&mut self, space: &Group, norm: f64, steps: usize) -> SpectrumExtremes {
+        let Self { matrix, exchange, unknowns } = self;
+        let (matrix, unknowns) = (*matrix, *unknowns);
+        let rows = matrix.rows();
+        let mut vector = start_vector(matrix, unknowns);
+        let dot = |a: &[f64], b: &[f64], bound: f64| {
+            matrix.sum_rows(space, bound, unknowns, |i| a[i] * b[i])
+        };
+        let most = matrix.block.velocity_cells as f64;
+        let length = dot(&vector, &vector, most).sqrt();
+        vector[..rows].iter_mut().for_each(|x| *x /= length);
+        let mut previous = vec![0.0; rows];
+        let mut image = vec![0.0; matrix.length()];
+        let (mut alpha, mut beta): (Vec<f64>, Vec<f64>) = (Vec::new(), Vec::new());
+        let bound = 2.0 * norm * norm.max(1.0) + 1.0;
+        let mut off = 0.0;
+        let mut found: Option<[SpectrumEnd; 2]> = None;
+        let mut next_look = 2;
+        loop {
+            matrix.apply(exchange, Operator::Symmetric, &mut image, &mut vector);
+            let a = dot(&image, &vector, bound);
+            for i in 0..rows {
+                image[i] -= a * vector[i] + off * previous[i];
+            }
+            alpha.push(a);
+            off = dot(&image, &image, bound).max(0.0).sqrt();
+            // The Krylov space is invariant: more steps from this start find no other eigenvalue.
+            let exhausted = off <= 1e-14 * norm || !off.is_finite();
+            let m = alpha.len();
+            let over = exhausted || m >= steps;
+            if over || m == next_look {
+                next_look = m + 1 + m / BETWEEN_LOOKS;
+                found = Some(with_earlier(ends(&alpha, &beta, off), found));
+            }
+            if let Some([highest, lowest]) = found
+                && (over || (highest.converged && lowest.converged))
+            {
+                return SpectrumExtremes { highest, lowest, steps: m };
+            }
+            beta.push(off);
+            for i in 0..rows {
+                previous[i] = vector[i];
+                vector[i] = image[i] / off;
+            }
         }
     }
 }
@@ -282,7 +339,9 @@ mod tests {
                 });
                 let all = matrix.self_adjoint_eigen(Side::Lower).expect("it converges");
                 for (sign, at) in [(1.0, m - 1), (-1.0, 0)] {
-                    let (theta, last) = largest_pair(sign, &alpha, &beta);
+                    let tridiagonal = Tridiagonal { sign, alpha: &alpha, beta: &beta };
+                    let theta = tridiagonal.largest();
+                    let last = tridiagonal.last_component(theta);
                     let (value, component) = (all.S()[at], all.U()[(m - 1, at)].abs());
                     assert!((sign * theta - value).abs() < 1e-13, "{m} {seed}: {theta} {value}");
                     assert!((last - component).abs() < 1e-10, "{m} {seed}: {last} {component}");

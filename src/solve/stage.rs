@@ -8,6 +8,7 @@ use crate::problem::legs::Leg;
 use crate::propagate::evolution::{Evolution, InitialState};
 use crate::propagate::method::Propagator;
 use crate::schrodingerization::warp_plan::WarpPlan;
+use crate::solve::field_readings::{FieldHistory, FieldReadings};
 use crate::solve::rank_modes::RankModes;
 use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::ModeSum;
@@ -35,14 +36,12 @@ pub struct Task<'a> {
 /// The recovered fields on this rank's share of the block's cells.
 #[derive(Clone, Debug, Default)]
 pub struct RecoveredFields {
-    /// `fields[k][r]`: `ũ(T)` of field `k` by reading `r`.
-    pub fields: Vec<Vec<Vec<f64>>>,
+    /// `ũ(T)` of each field.
+    pub fields: Vec<FieldReadings>,
     /// `plateau[r]`: `ũ(T)` of the first field by the plateau's reading `r`.
     pub plateau: Vec<Vec<f64>>,
-    /// `early[k][t]`: `ũ` of field `k` by the first reading at each output time before the end; at
-    /// times that need moments only, sums over the velocities for the moments of `f`, point by
-    /// point.
-    pub early: Vec<Vec<Vec<f64>>>,
+    /// Each field at the output times before the end.
+    pub early: Vec<FieldHistory>,
     /// Largest over the modes of (change of the norm) / (change that its method allows + 1e-12); at
     /// most 1. `None` if the method does not preserve the norm.
     pub unitarity_defect: Option<f64>,
@@ -71,8 +70,17 @@ pub struct FullRunModes<'a> {
     pub kept: &'a mut RankModes,
     /// Whether the run starts from these modes instead of the fields at time zero.
     pub begun: bool,
-    /// Called on all ranks with `(field, leg, modes)` at the end of each leg.
-    pub after: &'a mut dyn FnMut(usize, usize, &RankModes) -> Result<()>,
+    /// Called on all ranks with the modes at the end of each leg.
+    pub after: &'a mut dyn FnMut(LegEnd, &RankModes) -> Result<()>,
+}
+
+/// The end of a leg of a field's modes.
+#[derive(Clone, Copy, Debug)]
+pub struct LegEnd {
+    /// Number of the field.
+    pub field: usize,
+    /// Number of the leg.
+    pub leg: usize,
 }
 
 /// The finished part of a stage.
@@ -155,16 +163,16 @@ impl<'a> Stage<'a> {
             found.split_off(found.len() - task.warp.readings.len() - plateau)
         });
         if self.legs.start == 0 {
-            recovered.early.push(Vec::new());
+            recovered.early.push(FieldHistory::default());
         }
         if let Some(early) = recovered.early.last_mut() {
-            early.extend(found);
+            early.times.extend(found);
         }
         let Some(mut end) = at_end else { return };
         if self.field == 0 {
             recovered.plateau = end.split_off(task.warp.readings.len());
         }
-        recovered.fields.push(end);
+        recovered.fields.push(FieldReadings::new(end));
         recovered.step_errors.extend(self.step_sum.map(share));
         recovered.step_beyond.push(modes.sum_terms(&self.beyond));
     }

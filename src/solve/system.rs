@@ -13,7 +13,6 @@ use crate::solve::rank_cells::RankCells;
 use crate::solve::start_field;
 use num_complex::Complex64;
 use serde::Serialize;
-use std::ops::Range;
 use std::time::Instant;
 
 /// The discrete problem on this rank: matrix in weighted unknowns, weights, initial state.
@@ -285,19 +284,6 @@ impl DiscreteSystem {
             return f64::NAN;
         }
         self.matrix.sum_rows(group, bound, self.norm_terms, square).sqrt()
-    }
-
-    /// Turns `ũ` on the cells `range` into `f`, by undoing the weights.
-    pub fn unweighted(&self, range: &Range<usize>, mut state: Vec<f64>) -> Vec<f64> {
-        for (u, pi) in state.iter_mut().zip(&self.weights.pi[range.clone()]) {
-            *u /= pi.sqrt();
-        }
-        state
-    }
-
-    /// `f` on the cells `range` of the whole `state` of a rank.
-    pub fn own_field(&self, range: &Range<usize>, state: &[f64]) -> Vec<f64> {
-        self.unweighted(range, state[range.clone()].to_vec())
     }
 }
 

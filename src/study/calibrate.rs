@@ -35,7 +35,7 @@ use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::classical::{EXACT, ROUGH, poisson_window};
 use crate::results::result_file::most_bytes;
 use crate::results::warped::all_bytes;
-use crate::run::exact::exact_run;
+use crate::run::exact::ExactTask;
 use crate::run::planning;
 use crate::solve::prepared::Prepared;
 use crate::study::calibrate::timing::SolveTime;
@@ -185,7 +185,9 @@ impl CalibratedCase<'_> {
         let block = Prepared::with_sweeps(self.world, &part, &self.bounds, plan, sweeps)?;
         watch.part("weights", block.system.weight_seconds);
         watch.lap("assemble");
-        if exact_run(&block.communicator.world, &part, &block.rank_cells, false)?.exact.is_some() {
+        let (world, rank_cells) = (&block.communicator.world, &block.rank_cells);
+        let exact = ExactTask { world, case: &part, rank_cells, prints: false };
+        if exact.run()?.exact.is_some() {
             watch.lap("exact");
         }
         Ok(block)

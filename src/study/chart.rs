@@ -28,7 +28,7 @@ use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::Case;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::budget::{Budget, refuse_slow_grid};
-use crate::study::chart::attempts::Attempts;
+use crate::study::chart::attempts::{Attempts, ComparedGrid};
 use crate::study::chart::programme::Programme;
 use crate::study::chart::result::{Chart, mark_fronts};
 use crate::study::chart::verdict::sentences;
@@ -59,7 +59,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     let (cases, left_out) = other_degrees(case);
     let programme = programme.with_degrees(&cases);
     let mut attempts = Attempts::new(world, case, &cases, jumps, budget);
-    let (compared, compared_why) = attempts.run_programme(&programme)?;
+    let ComparedGrid { space: compared, why_coarser } = attempts.run_programme(&programme)?;
     let exact = match case.fields.len() {
         1 => "f",
         _ => "density",
@@ -74,7 +74,7 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
         exact: case.exact.as_ref().map(|_| exact.to_owned()),
         grid: grid_name(&case.space),
         compared_on: grid_name(&compared),
-        compared_why,
+        compared_why: why_coarser,
         zero: attempts.zero == Some(true),
         sentences: Vec::new(),
         entries: attempts.entries,

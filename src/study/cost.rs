@@ -163,6 +163,14 @@ pub struct TrialSeconds {
     pub total: f64,
 }
 
+/// Bounds of a case's matrix, and how far norms fall.
+#[derive(Clone, Debug)]
+struct NormBounds {
+    bounds: Bounds,
+    /// `‖ũ(0)‖/‖f(t)‖`.
+    ratio: f64,
+}
+
 /// A model of the seconds of runs of a case, learnt from its trials.
 #[derive(Debug, Default)]
 pub struct CostModel {
@@ -171,8 +179,7 @@ pub struct CostModel {
     overheads: BTreeMap<OverheadKey, BTreeMap<usize, f64>>,
     /// Bounds without a measurement; the flag tells runs by modes from classical ones.
     unmeasured: BTreeMap<(GridKey, bool), Bounds>,
-    /// Measured bounds, and `‖ũ(0)‖/‖f(t)‖`.
-    measured: BTreeMap<GridKey, (Bounds, f64)>,
+    measured: BTreeMap<GridKey, NormBounds>,
 }
 
 impl CostModel {
@@ -183,16 +190,16 @@ impl CostModel {
     pub fn work(&mut self, case: &Case) -> Result<f64> {
         match case.method {
             Method::Schrodingerized => {
-                let (bounds, ratio) = self.bounds(case)?;
+                let NormBounds { bounds, ratio } = self.bounds(case)?;
                 Ok(unit_weight(case) * WarpPlan::forecast(case, &bounds, ratio)?)
             }
             Method::Classical => Ok(classical_work(case, &self.unmeasured(case)?)),
         }
     }
 
-    /// Bounds and `‖ũ(0)‖/‖f(t)‖` of the case's matrix: as measured; or with the growth measured on
-    /// the nearest grid, in proportion to the cells along an axis.
-    fn bounds(&mut self, case: &Case) -> Result<(Bounds, f64)> {
+    /// Bounds and the ratio of norms of the case's matrix: as measured; or with the growth measured
+    /// on the nearest grid, in proportion to the cells along an axis.
+    fn bounds(&mut self, case: &Case) -> Result<NormBounds> {
         let own = GridKey::of_matrix(case);
         if let Some(known) = self.measured.get(&own) {
             return Ok(known.clone());
@@ -202,8 +209,8 @@ impl CostModel {
         let nearest = (self.measured.iter())
             .filter(|(key, _)| key.choices == own.choices)
             .min_by_key(|(key, _)| key.cells().abs_diff(cells));
-        let Some((key, (known, ratio))) = nearest else {
-            return Ok((found.expected(), ASSUMED_RATIO));
+        let Some((key, NormBounds { bounds: known, ratio })) = nearest else {
+            return Ok(NormBounds { bounds: found.expected(), ratio: ASSUMED_RATIO });
         };
         let finer = (cells as f64 / key.cells() as f64).powf(1.0 / key.shape.len() as f64);
         let growth = if found.growth.is_finite() {
@@ -213,7 +220,7 @@ impl CostModel {
         };
         let bounds =
             Bounds { growth, decay: 2.0 * found.rate + growth, stages: known.stages, ..found };
-        Ok((bounds, *ratio))
+        Ok(NormBounds { bounds, ratio: *ratio })
     }
 
     /// Bounds of the case's matrix without a measurement; each is computed once.
@@ -279,7 +286,7 @@ impl CostModel {
         let least = known.entry(cells).or_insert(overhead);
         *least = least.min(overhead);
         if let Some(warp) = &plan.warp {
-            let found = (plan.bounds.clone(), warp.ratio);
+            let found = NormBounds { bounds: plan.bounds.clone(), ratio: warp.ratio };
             self.measured.insert(GridKey::of_matrix(case), found);
         }
     }

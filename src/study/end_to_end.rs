@@ -76,7 +76,7 @@ impl EndToEnd {
     ) -> Result<Self> {
         let progress = Progress::new(world.group().is_first(), "resources", UNITS).into();
         let exact = exact_of(case)?;
-        let (point, mean) = point_and_mean(world, case, &exact)?;
+        let WantedDensity { point, mean } = WantedDensity::of(world, case, &exact)?;
         let values = &exact_values(case, &exact)?;
         let at_point = DensityAtPoint { case, point, values };
         let traced = at_point.by_quadrature(accuracy);
@@ -228,26 +228,35 @@ fn dissipative_of(case: &Case) -> Case {
     if scheme.flux == 0.0 { Case { flux: 1.0, ends: EndFlux::Open, ..scheme } } else { scheme }
 }
 
-/// The point where the density is wanted, at the first cell of `[readout]` or where the exact
-/// density is largest, and the mean of that density over the box. Collective.
-///
-/// # Errors
-/// As [`exact_density`].
-fn point_and_mean(world: &World, case: &Case, exact: &Exact) -> Result<([f64; 6], f64)> {
-    let density = exact_density(&world.group(), case, exact)?;
-    let cell = match case.readout.as_ref().and_then(|readout| readout.cells.first()) {
-        Some(cell) => cell.clone(),
-        None => {
-            let largest = density.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
-            let cells: Vec<usize> = case.space.x.iter().map(|axis| axis.cells).collect();
-            indices(largest.map_or(0, |(index, _)| index), &cells)
+/// Where the density is wanted.
+struct WantedDensity {
+    /// The point.
+    point: [f64; 6],
+    /// The mean of the exact density over the box.
+    mean: f64,
+}
+
+impl WantedDensity {
+    /// The density at the first cell of `[readout]`, or where the exact one is largest. Collective.
+    ///
+    /// # Errors
+    /// As [`exact_density`].
+    fn of(world: &World, case: &Case, exact: &Exact) -> Result<Self> {
+        let density = exact_density(&world.group(), case, exact)?;
+        let cell = match case.readout.as_ref().and_then(|readout| readout.cells.first()) {
+            Some(cell) => cell.clone(),
+            None => {
+                let largest = density.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+                let cells: Vec<usize> = case.space.x.iter().map(|axis| axis.cells).collect();
+                indices(largest.map_or(0, |(index, _)| index), &cells)
+            }
+        };
+        let mut point = [0.0; 6];
+        for ((x, axis), &i) in point.iter_mut().zip(&case.space.x).zip(&cell) {
+            *x = axis.inner_centre(i as i64);
         }
-    };
-    let mut point = [0.0; 6];
-    for ((x, axis), &i) in point.iter_mut().zip(&case.space.x).zip(&cell) {
-        *x = axis.inner_centre(i as i64);
+        Ok(Self { point, mean: mean_size(&density) })
     }
-    Ok((point, mean_size(&density)))
 }
 
 /// `case` with elements of every degree, by the scheme that `of` makes of it, with its errors.

@@ -169,8 +169,8 @@ fn unitary(
     Ok(UnitaryCosts::new(&accesses, case.tolerance, norms.no_start()))
 }
 
-/// Every choice of profile, parameter, recovery point and `δ`, the cheapest first, and the system of
-/// the last `δ`. Collective.
+/// Every choice of profile, parameter, recovery point and `δ`, the cheapest first, and the system
+/// of the last `δ`. Collective.
 ///
 /// # Errors
 /// As [`Prepared::new`].

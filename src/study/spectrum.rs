@@ -12,7 +12,7 @@ use crate::problem::case::{Case, Interface, Method};
 use crate::problem::limits::MOST_CELLS;
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
-use crate::solve::spectrum::{self, SpectrumEnd, SpectrumExtremes};
+use crate::solve::spectrum::{Spectrum, SpectrumEnd, SpectrumExtremes};
 use crate::study::grids::{cells, refined, shape_text};
 use serde::Serialize;
 use std::fmt;
@@ -141,7 +141,7 @@ impl SystemOnGrid<'_> {
         let mut prepared = Prepared::with_sweeps(world, case, bounds, plan.clone(), usize::MAX)?;
         announce_steps(world, &mut prepared, steps)?;
         let space = &prepared.communicator.space;
-        let (lanczos, bound) = spectrum::find(&mut prepared.system, space, steps)?;
+        let Spectrum { extremes, gershgorin } = prepared.system.spectrum(space, steps)?;
         let system = &prepared.system;
         let guaranteed = &prepared.bounds;
         let weights = &system.weights;
@@ -157,8 +157,8 @@ impl SystemOnGrid<'_> {
             unknowns: case.space.cells() + system.norm_terms - case.space.space_cells(),
             interface: case.interface,
             weighted: bounds.weighted,
-            lanczos,
-            gershgorin: bound,
+            lanczos: extremes,
+            gershgorin,
             certificate: weights.certificate,
             growth: guaranteed.growth,
             decay: guaranteed.decay,
@@ -176,7 +176,7 @@ fn announce_steps(world: &World, prepared: &mut Prepared, steps: usize) -> Resul
         return Ok(());
     }
     let started = Instant::now();
-    spectrum::find(&mut prepared.system, &prepared.communicator.space, 1)?;
+    prepared.system.spectrum(&prepared.communicator.space, 1)?;
     let seconds = steps as f64 * started.elapsed().as_secs_f64();
     if world.group().is_first() && seconds > LONG {
         let seconds = seconds_text(seconds);

@@ -2,7 +2,6 @@
 
 use crate::bits::report_bits;
 use phasewarp::parallel::communicator::World;
-use phasewarp::parallel::partition::split;
 use phasewarp::problem::case::{Case, Exact};
 use phasewarp::problem::grid::for_each_cell;
 use phasewarp::run::exact::averaged_density;
@@ -38,7 +37,7 @@ pub fn jumps_are_integrated(world: &World) {
         let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
         let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, 1.0);
         let axis = &case.space.x[0];
-        let mine = split(&(0..axis.cells), group.size(), group.rank());
+        let mine = group.piece_of(&(0..axis.cells));
         let cells: Vec<[usize; 3]> = mine.clone().map(|j| [j, 0, 0]).collect();
         let found = integrals.on_cells(&case, &cells);
         assert_eq!(found.len(), mine.len());
@@ -86,7 +85,7 @@ pub fn filaments_are_integrated(world: &World) {
     let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
     let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
     let places: Vec<[f64; 3]> = (0..9).map(|k| [-1.9 + 0.41 * k as f64, 0.0, 0.0]).collect();
-    for place in &places[split(&(0..places.len()), group.size(), group.rank())] {
+    for place in &places[group.piece_of(&(0..places.len()))] {
         let found = integrals.at(place).moments[0];
         let sum = by_equal_steps(&case, &exactly, place, &[100_000]);
         assert!((found - sum).abs() < 2e-4, "{place:?}: {found} {sum}");
@@ -154,7 +153,7 @@ pub fn corners_are_integrated(world: &World) {
     let places: Vec<[f64; 3]> =
         (0..8).map(|k| [-0.9 + 0.27 * k as f64, 0.5 - 0.31 * (k % 4) as f64, 0.0]).collect();
     let (mut sizes, mut errors, mut estimates, mut fixed) = (vec![], vec![], vec![], vec![]);
-    for place in &places[split(&(0..places.len()), group.size(), group.rank())] {
+    for place in &places[group.piece_of(&(0..places.len()))] {
         let found = integrals.at(place);
         let sum = by_equal_steps(&case, &exactly, place, &[700, 700]);
         sizes.push(sum);
@@ -201,7 +200,7 @@ pub fn a_step_in_space_is_integrated(world: &World) {
     let places = [[-0.2, 0.1, 0.0], [-0.03, -0.2, 0.1], [0.15, 0.05, -0.1], [0.4, 0.0, 0.2]];
     const STEPS: [usize; 3] = [1600, 24, 24];
     let largest = by_equal_steps(&case, &exactly, &places[0], &STEPS);
-    for place in &places[split(&(0..places.len()), group.size(), group.rank())] {
+    for place in &places[group.piece_of(&(0..places.len()))] {
         let found = integrals.at(place);
         let sum = by_equal_steps(&case, &exactly, place, &STEPS);
         let error = (found.moments[0] - sum).abs();
@@ -285,7 +284,7 @@ pub fn sheets_are_followed_together(world: &World) {
         let whole = case.space.space_ranges();
         for shared in 0..n {
             let mut share = whole.clone();
-            share[shared] = split(&whole[shared], group.size(), group.rank());
+            share[shared] = group.piece_of(&whole[shared]);
             let moments = exact_moments(&group, &case, &share).expect("finite");
             let mut cells = Vec::new();
             for_each_cell(&share, |i| {
@@ -310,7 +309,7 @@ pub fn sheets_are_followed_together(world: &World) {
         }
     }
     let undefined = sheet_case(1, "1 if x < 0.5 else log(0.5 - x)", "0.2", "0");
-    let whole = split(&(0..5), group.size(), group.rank());
+    let whole = group.piece_of(&(0..5));
     let error = exact_moments(&group, &undefined, &[whole]).expect_err("log of less than 0");
     let error: Vec<f64> = error.to_string().bytes().map(f64::from).collect();
     report_bits(world, "the first box that is not finite", &error);

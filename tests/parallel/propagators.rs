@@ -18,7 +18,7 @@ use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::problem::case::{Propagation, PropagatorMethod};
 use phasewarp::propagate::bessel::bessel_series;
 use phasewarp::propagate::chebyshev::Chebyshev;
-use phasewarp::propagate::evolution::BatchSpec;
+use phasewarp::propagate::evolution::{BatchSpec, SeriesSize};
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::intermediate_moments::IntermediateMoments;
 use phasewarp::propagate::krylov::Krylov;
@@ -210,6 +210,7 @@ fn passing_times(
     time: f64,
 ) {
     let most = chebyshev.largest_degree();
+    let size = SeriesSize { largest_degree: most, applications: most };
     let space = weighted.prepared.case.space.clone();
     let factors = VelocityFactors::new(&space);
     let mut parts = parts(&mut weighted.prepared, time);
@@ -221,7 +222,7 @@ fn passing_times(
     chebyshev.propagate(evolution, batch, start).expect("a series");
     let whole = chebyshev.state()[..matrix.rows()].to_vec();
     let read = [None, blocking].map(|blocking| {
-        let mut passed = IntermediateMoments::new(matrix, &moments, 2, most, most)
+        let mut passed = IntermediateMoments::new(matrix, &moments, 2, size)
             .blocked(FastestBlocking::of(vec![blocking]));
         let weights = std::array::from_fn(|l| Complex64::cis(0.3 * l as f64));
         passed.begin(&[0.2 * time, 0.9 * time], &weights);

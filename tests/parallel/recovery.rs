@@ -390,10 +390,11 @@ fn results_of_a_run(
     name: &str,
 ) -> Vec<f64> {
     let tolerance = twin.case.tolerance;
-    let early = &run.recovered.early[0];
+    let early = &run.recovered.early[0].times;
     let mut all = Vec::new();
     assert_eq!(early.len(), OUTPUT_TIMES.len(), "{name}");
-    let found = early.iter().chain([&run.recovered.fields[0][0]]).zip(exact);
+    let end = run.recovered.fields[0].first();
+    let found = early.iter().map(Vec::as_slice).chain([end]).zip(exact);
     let with_fields = OUTPUT_TIMES.iter().map(|(_, fields)| *fields).chain([true]);
     for ((found, exact), fields) in found.zip(with_fields) {
         if !fields {
@@ -521,7 +522,7 @@ pub fn fields_in_one_pass(world: &World) {
             let alone = StreamedRun { fields: k..k + 1, ..pass.clone() };
             let alone = alone.run(world, &mut prepared).recovered;
             applications += alone.applications;
-            for (a, b) in alone.fields[0].iter().zip(field) {
+            for (a, b) in alone.fields[0].each().zip(field.each()) {
                 let same = a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits());
                 assert!(same, "field {k}, {mesh:?}");
                 let moves = a.iter().any(|a| *a != 0.0);

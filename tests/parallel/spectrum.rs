@@ -10,7 +10,7 @@ use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::matrix::bounds::SpectralInterval;
 use phasewarp::parallel::communicator::{GhostExchange, Group, World};
-use phasewarp::solve::spectrum::{extremes, gershgorin};
+use phasewarp::solve::spectrum::SymmetricPart;
 
 /// The least and the largest eigenvalue of `μS + iK`.
 pub fn ends_of_spectrum(s: &Dense, k: &Dense, mu: f64) -> [f64; 2] {
@@ -119,14 +119,16 @@ impl DistributedMatrix<'_> {
     fn check(&mut self, space: &Group, terms: usize, exact: [f64; 2], name: &str) -> [f64; 4] {
         let s = &self.s;
         let round_off = 1e-13 * s.largest();
-        let [lower, upper] = gershgorin(self.matrix, space);
+        let (matrix, exchange) = (self.matrix, &mut *self.exchange);
+        let mut part = SymmetricPart { matrix, exchange, unknowns: terms };
+        let [lower, upper] = part.gershgorin(space);
         let [least, most] = dense_gershgorin(s);
         assert!((lower - least).abs() <= round_off, "{name}: {lower} {least}");
         assert!((upper - most).abs() <= round_off, "{name}: {upper} {most}");
 
         let [low, high] = exact;
         let norm = lower.abs().max(upper.abs());
-        let found = extremes(self.matrix, self.exchange, space, norm, terms, 2000);
+        let found = part.extremes(space, norm, 2000);
         for (end, exact) in [(found.highest, high), (found.lowest, low)] {
             let off = (end.value - exact).abs();
             let at = format!("{name}: {end:?}, {exact} expected");
@@ -135,7 +137,7 @@ impl DistributedMatrix<'_> {
             assert!(end.converged && off <= 1e-7 * norm, "{at}");
         }
         // Three steps are too few, which is reported as not converged.
-        let few = extremes(self.matrix, self.exchange, space, norm, terms, 3);
+        let few = part.extremes(space, norm, 3);
         assert!(!few.highest.converged && few.steps == 3, "{name}: {few:?}");
         assert!(few.highest.value <= high + round_off, "{name}: {few:?}");
         assert!(few.lowest.value >= low - round_off, "{name}: {few:?}");

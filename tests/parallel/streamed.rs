@@ -100,7 +100,7 @@ impl Streamed {
 
     /// The whole first field of each reading, on every rank.
     pub fn fields(&self, world: &World, prepared: &Prepared) -> Vec<Vec<f64>> {
-        let shares = self.recovered.fields[0].iter();
+        let shares = self.recovered.fields[0].each();
         shares.map(|share| gather_field(world, prepared, share)).collect()
     }
 }

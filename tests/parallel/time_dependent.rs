@@ -189,7 +189,7 @@ fn solve(
     work(&mut classical, &mut system.exchange, &mut state);
     let cells = 0..system.matrix.block.cells();
     state.truncate(cells.end);
-    let state = system.unweighted(&cells, state);
+    let state = system.weights.unweighted(&cells, state);
     gather_cells(prepared, &state)
 }
 

@@ -152,8 +152,6 @@ pub struct Sheets<'a> {
     faces: Vec<Vec<f64>>,
     /// Number of particles that halvings may still add.
     budget: usize,
-    /// Number of particles that halvings added.
-    used: usize,
     found: FollowedBoxes,
     failure: Option<Error>,
     /// Number of the first box that is being followed.
@@ -167,6 +165,8 @@ pub struct FollowedBoxes {
     pub deposits: Vec<Deposit>,
     /// Pieces of the curve, in one dimension.
     pub lines: Vec<Line>,
+    /// Number of particles that halvings added.
+    pub added: usize,
 }
 
 /// Number of particles that halvings of boxes may add.
@@ -174,16 +174,16 @@ pub struct FollowedBoxes {
 pub struct ParticleBudget(usize);
 
 impl ParticleBudget {
-    /// Whether boxes of `case` that added `used` particles in all, each with the whole budget,
+    /// Whether boxes of `case` that added `added` particles in all, each with the whole budget,
     /// would be halved in the same way with this one budget for all: it lasts until the last
     /// halving.
-    pub fn allows(self, space: &PhaseSpace, used: usize) -> bool {
-        used == 0 || used - particles_of_halving(space.dimension()) < self.0
+    pub fn allows(self, space: &PhaseSpace, added: usize) -> bool {
+        added == 0 || added - particles_of_halving(space.dimension()) < self.0
     }
 
-    /// The budget that is left after `used` particles.
-    pub fn less(self, used: usize) -> Self {
-        Self(self.0.saturating_sub(used))
+    /// The budget that is left after halvings that added `added` particles.
+    pub fn less(self, added: usize) -> Self {
+        Self(self.0.saturating_sub(added))
     }
 }
 
@@ -199,27 +199,37 @@ pub fn curve_points(case: &Case) -> usize {
         return 0;
     }
     let sheets = [InitialSheet::Initial, InitialSheet::Entering(AxisEnd { axis: 0, upper: false })];
-    let [initial, entering] = sheets.map(|sheet| grid(case, sheet).0[0]);
+    let [initial, entering] = sheets.map(|sheet| FirstBoxes::of(case, sheet).counts[0]);
     let ends = if case.space.is_periodic(0) { 0 } else { 2 };
     3 * (initial + ends * entering) / 2
 }
 
-/// Number and width of the first boxes of a sheet along each axis.
-fn grid(case: &Case, sheet: InitialSheet) -> (Vec<usize>, Vec<f64>) {
-    let axes = &case.space.x;
-    let boxes = BOXES[axes.len() - 1];
-    // The number in each element.
-    let boxes = |a: &Axis| boxes * a.nodes.count();
-    let mut counts: Vec<_> = axes.iter().map(|a| a.elements() * boxes(a)).collect();
-    let mut width: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
-    if let InitialSheet::Entering(AxisEnd { axis, .. }) = sheet {
-        // The fastest particles cross one box of space in one interval of entry times.
-        let fastest = case.space.v[axis].largest_magnitude();
-        let times = (case.end * fastest / width[axis]).ceil().max(1.0);
-        counts[axis] = (times as usize).min(4 * counts[axis]);
-        width[axis] = case.end / counts[axis] as f64;
+/// The first boxes of a sheet.
+struct FirstBoxes {
+    /// Number along each axis.
+    counts: Vec<usize>,
+    /// Width of each along each axis.
+    widths: Vec<f64>,
+}
+
+impl FirstBoxes {
+    /// The first boxes of `sheet`.
+    fn of(case: &Case, sheet: InitialSheet) -> Self {
+        let axes = &case.space.x;
+        let boxes = BOXES[axes.len() - 1];
+        // The number in each element.
+        let boxes = |a: &Axis| boxes * a.nodes.count();
+        let mut counts: Vec<_> = axes.iter().map(|a| a.elements() * boxes(a)).collect();
+        let mut widths: Vec<f64> = axes.iter().map(|a| a.width() / boxes(a) as f64).collect();
+        if let InitialSheet::Entering(AxisEnd { axis, .. }) = sheet {
+            // The fastest particles cross one box of space in one interval of entry times.
+            let fastest = case.space.v[axis].largest_magnitude();
+            let times = (case.end * fastest / widths[axis]).ceil().max(1.0);
+            counts[axis] = (times as usize).min(4 * counts[axis]);
+            widths[axis] = case.end / counts[axis] as f64;
+        }
+        Self { counts, widths }
     }
-    (counts, width)
 }
 
 impl<'a> Sheets<'a> {
@@ -238,7 +248,6 @@ impl<'a> Sheets<'a> {
             velocity,
             faces: case.space.x.iter().map(Axis::cell_faces).collect(),
             budget: 0,
-            used: 0,
             found: FollowedBoxes::default(),
             failure: None,
             number: 0,
@@ -256,7 +265,7 @@ impl<'a> Sheets<'a> {
 
     /// The number of first boxes of `sheet`.
     pub fn boxes(&self, sheet: InitialSheet) -> usize {
-        grid(self.case, sheet).0.iter().product()
+        FirstBoxes::of(self.case, sheet).counts.iter().product()
     }
 
     /// The budget before any box is followed.
@@ -265,8 +274,7 @@ impl<'a> Sheets<'a> {
     }
 
     /// Follows the first boxes `numbers` (row-major) of `sheet`, halved as far as needed within
-    /// `budget`. Returns their mass in cells and their pieces of the curve, and the number of
-    /// particles that halvings added.
+    /// `budget`.
     ///
     /// # Errors
     /// [`Error::Formula`] where `density` or `velocity` is not finite.
@@ -275,24 +283,25 @@ impl<'a> Sheets<'a> {
         sheet: InitialSheet,
         numbers: impl Iterator<Item = usize>,
         ParticleBudget(budget): ParticleBudget,
-    ) -> Result<(FollowedBoxes, usize)> {
-        (self.budget, self.used) = (budget, 0);
-        let (counts, width) = grid(self.case, sheet);
+    ) -> Result<FollowedBoxes> {
+        self.budget = budget;
+        let boxes = FirstBoxes::of(self.case, sheet);
         for number in numbers {
             self.number = number;
-            let piece = self.first_box(sheet, &counts, &width);
+            let piece = self.first_box(sheet, &boxes);
             self.follow(sheet, piece);
         }
         let found = std::mem::take(&mut self.found);
-        self.failure.take().map_or(Ok((found, self.used)), Err)
+        self.failure.take().map_or(Ok(found), Err)
     }
 
     fn space(&self) -> &'a PhaseSpace {
         &self.case.space
     }
 
-    /// The first box of number `self.number` of `sheet`, which has `counts` boxes of this `width`.
-    fn first_box(&self, sheet: InitialSheet, counts: &[usize], width: &[f64]) -> ParameterBox {
+    /// The one of number `self.number` of the first `boxes` of `sheet`.
+    fn first_box(&self, sheet: InitialSheet, boxes: &FirstBoxes) -> ParameterBox {
+        let FirstBoxes { counts, widths } = boxes;
         let n = self.space().dimension();
         let mut piece = ParameterBox {
             centre: [0.0; MAX_DIMENSION],
@@ -301,15 +310,15 @@ impl<'a> Sheets<'a> {
             tears: 0,
         };
         for (a, k) in indices(self.number, counts).into_iter().enumerate() {
-            piece.half[a] = 0.5 * width[a];
+            piece.half[a] = 0.5 * widths[a];
             piece.centre[a] = match sheet {
-                InitialSheet::Entering(end) if end.axis == a => (k as f64 + 0.5) * width[a],
+                InitialSheet::Entering(end) if end.axis == a => (k as f64 + 0.5) * widths[a],
                 // Counted from the face of the element, so that sides lie on faces to round-off.
                 _ => {
                     let axis = &self.space().x[a];
                     let boxes = BOXES[n - 1] * axis.nodes.count();
                     let (element, part) = (k / boxes, k % boxes);
-                    axis.face(element as i64) + (part as f64 + 0.5) * width[a]
+                    axis.face(element as i64) + (part as f64 + 0.5) * widths[a]
                 }
             };
         }
@@ -394,7 +403,7 @@ impl<'a> Sheets<'a> {
         let halve = self.axis_to_halve(&piece, &centre, corners, shape.as_ref());
         if let Some(a) = halve.filter(|_| self.budget > 0) {
             self.budget = self.budget.saturating_sub(particles_of_halving(n));
-            self.used += particles_of_halving(n);
+            self.found.added += particles_of_halving(n);
             for sign in [-1.0, 1.0] {
                 let mut part = piece;
                 part.half[a] *= 0.5;

@@ -139,6 +139,11 @@ impl Axis {
         self.cells / self.nodes.count()
     }
 
+    /// The element of cell `j`, which may lie off the axis.
+    pub fn element_of(&self, j: i64) -> i64 {
+        self.split(j).0
+    }
+
     /// The element of cell `j` and the cell's number in it; `j` may lie off the axis.
     pub fn split(&self, j: i64) -> (i64, usize) {
         let count = self.nodes.count() as i64;
@@ -303,6 +308,11 @@ impl Axis {
     pub fn position(&self, point: f64) -> f64 {
         let WholeAxis { ends: [lower, _], first, .. } = self.of_whole();
         (point - lower) / self.width() - first as f64
+    }
+
+    /// The element that holds `point`; the nearest one beyond the ends of the axis.
+    pub fn element_at(&self, point: f64) -> usize {
+        (self.position(point).floor().max(0.0) as usize).min(self.elements() - 1)
     }
 
     /// Cell centres, in order.

@@ -60,7 +60,7 @@ pub fn space_point(axes: &[Axis], i: &[usize]) -> [f64; 6] {
 pub(super) fn element_centre(axes: &[Axis], i: &[usize]) -> [f64; 6] {
     let mut point = [0.0; 6];
     for (a, axis) in axes.iter().enumerate() {
-        point[a] = axis.at(axis.split(i[a] as i64).0, 0.0);
+        point[a] = axis.at(axis.element_of(i[a] as i64), 0.0);
     }
     point
 }

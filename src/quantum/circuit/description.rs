@@ -1,6 +1,7 @@
 //! The compiled circuit, and the cost of an evolution by it.
 
 use crate::base::text::joined;
+use crate::quantum::access::AccessBounds;
 use crate::quantum::circuit::gates::GateCounts;
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::cost::sequence::SequenceCounts;
@@ -26,9 +27,9 @@ pub struct SparseAccessCost {
 }
 
 impl SparseAccessCost {
-    /// The steps of an evolution over `time` to `tolerance`, for rows of `nonzeros` entries up to
-    /// `largest_entry`.
-    pub fn new(nonzeros: usize, largest_entry: f64, time: f64, tolerance: f64) -> Self {
+    /// The steps of an evolution over `time` to `tolerance`, for an `H` with these `bounds`.
+    pub fn new(bounds: AccessBounds, time: f64, tolerance: f64) -> Self {
+        let AccessBounds { largest: largest_entry, sparsity: nonzeros } = bounds;
         let alpha = nonzeros as f64 * largest_entry;
         let tau = alpha * time;
         let steps = walk_of(tau, tolerance).steps.or_zero() as usize;

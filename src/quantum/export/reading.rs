@@ -15,10 +15,9 @@ pub(super) fn norm(x: &[Complex64]) -> f64 {
     x.iter().map(Complex64::norm_sqr).sum::<f64>().sqrt()
 }
 
-/// `Re(x)` and the largest `|Im(x)|`.
-pub(super) fn real(x: &[Complex64]) -> (Vec<f64>, f64) {
-    let largest = x.iter().fold(0.0, |m: f64, x| m.max(x.im.abs()));
-    (x.iter().map(|x| x.re).collect(), largest)
+/// The real parts of `x`.
+pub(super) fn real_parts(x: &[Complex64]) -> Vec<f64> {
+    x.iter().map(|x| x.re).collect()
 }
 
 /// Qubits of each register.
@@ -135,7 +134,7 @@ impl MeasuredField {
         let cells = pi.len();
         let square = |x: &[Complex64]| norm(x).powi(2);
         let weights: Vec<f64> = pi.iter().map(|pi| pi.sqrt()).collect();
-        let (block, _) = real(&slice[..cells]);
+        let block = real_parts(&slice[..cells]);
         let scale = grid.recovery.exp() * norm_of_state;
         let field = block.iter().zip(&weights).map(|(v, d)| scale * v / d).collect();
         Self { in_block: square(&slice[..cells]), in_slice: square(&slice), block, weights, field }

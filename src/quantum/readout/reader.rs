@@ -50,6 +50,16 @@ pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
 struct Overlap {
     value: f64,
     prefactor: f64,
+    /// `C_f Δv ‖q‖`, by which an error of the field's state enters the moment.
+    of_field: f64,
+}
+
+/// The estimates of a moment that are drawn at random.
+struct DrawnEstimates {
+    /// For a `C_f` that is known.
+    bare: Estimate,
+    /// For a `C_f` that is measured.
+    whole: Estimate,
 }
 
 /// The length of a measurement of an overlap and of `C_f`.
@@ -169,13 +179,8 @@ impl ReadoutContext<'_> {
         linear.chain(velocities).collect()
     }
 
-    /// The overlap of moment `k` with the state that `estimator` measures, and `C_f Δv ‖q‖`.
-    fn overlap(
-        &self,
-        k: usize,
-        sums: &CellSums,
-        estimator: OverlapEstimator,
-    ) -> Option<(Overlap, f64)> {
+    /// The overlap of moment `k` with the state that `estimator` measures.
+    fn overlap(&self, k: usize, sums: &CellSums, estimator: OverlapEstimator) -> Option<Overlap> {
         let volume = self.case.space.velocity_cell_volume();
         let of_field = self.source.norm() * volume * norm(self.factors.each().iter().map(|q| q[k]));
         let prefactor = if !estimator.enlarged() {
@@ -189,8 +194,8 @@ impl ReadoutContext<'_> {
         };
         let value = sums.moments[k] * volume / prefactor;
         // Along an axis of one cell whose centre is 0 there is no momentum, and no state of it.
-        let overlap = Overlap { value: value.clamp(-1.0, 1.0), prefactor };
-        (prefactor > 0.0 && value.is_finite()).then_some((overlap, of_field))
+        let overlap = Overlap { value: value.clamp(-1.0, 1.0), prefactor, of_field };
+        (prefactor > 0.0 && value.is_finite()).then_some(overlap)
     }
 
     /// Moment `k` at the cell of `row`.
@@ -213,7 +218,7 @@ impl ReadoutContext<'_> {
         {
             return none(Measured::unavailable(estimator, why));
         }
-        let Some((overlap, of_field)) = self.overlap(k, sums, estimator) else {
+        let Some(overlap) = self.overlap(k, sums, estimator) else {
             let why =
                 "there is no state to overlap with: every velocity is 0, or nothing of p is known";
             return none(Measured::unavailable(estimator, why));
@@ -222,18 +227,18 @@ impl ReadoutContext<'_> {
             overlap: LabelledNumber::exact(overlap.value),
             ..Measured::unavailable(estimator, why)
         };
-        let from_state = (self.source.state_error.value()).map(|error| of_field * error);
+        let from_state = (self.source.state_error.value()).map(|error| overlap.of_field * error);
         let repetitions = match self.repetitions(estimator, overlap, from_state) {
             Ok(repetitions) => repetitions,
             Err(why) => return none(overlapping(&why)),
         };
         let within = |error: f64| from_state.map(|of| overlap.prefactor * error + of);
         let bound = within(self.bound(estimator, repetitions, overlap.value));
-        let (bare, estimate) = self.draw(row, estimator, overlap, repetitions).unzip();
+        let drawn = self.draw(row, estimator, overlap, repetitions);
         let undrawn = overlapping("so many shots or evaluations are not emulated");
         let effort = self.effort(estimator, repetitions, undrawn);
         let mut measured = Measured { bound: self.labelled(bound), ..effort };
-        if let Some(estimate) = estimate {
+        if let Some(DrawnEstimates { whole: estimate, .. }) = &drawn {
             measured.estimate = LabelledNumber::estimate(estimate.value, "drawn at random");
             measured.standard_error = if estimator.coherent() {
                 LabelledNumber::unavailable(
@@ -245,7 +250,12 @@ impl ReadoutContext<'_> {
         }
         let evolutions = self.evolutions(estimator, repetitions);
         let bare_bound = within(repetitions.of_overlap(estimator));
-        MeasuredMoment { measured, estimate: bare, bound: bare_bound, evolutions }
+        MeasuredMoment {
+            measured,
+            estimate: drawn.map(|drawn| drawn.bare),
+            bound: bare_bound,
+            evolutions,
+        }
     }
 
     /// The shots, evaluations and evolutions of a measurement; the rest as in `measured`.
@@ -316,15 +326,14 @@ impl ReadoutContext<'_> {
         negative.then_some("f is negative somewhere by more than its error")
     }
 
-    /// Draws what is measured: for a `C_f` that is known, and for one that is measured. `None`
-    /// where this takes more outcomes than are emulated.
+    /// Draws what is measured; `None` where this takes more outcomes than are emulated.
     fn draw(
         &self,
         row: &ReadoutRow,
         estimator: OverlapEstimator,
         overlap: Overlap,
         repetitions: Repetitions,
-    ) -> Option<(Estimate, Estimate)> {
+    ) -> Option<DrawnEstimates> {
         let Repetitions { shots, evaluations, norm_evaluations } = repetitions;
         if shots > MOST_SHOTS || evaluations.max(norm_evaluations) > MOST_EVALUATIONS {
             return None;
@@ -366,7 +375,7 @@ impl ReadoutContext<'_> {
             value: root * bare.value,
             error: bare.error.hypot(bare.value.abs() * error),
         };
-        Some((bare, whole))
+        Some(DrawnEstimates { bare, whole })
     }
 
     /// A bound that rests on `ε_F`, with its label.

@@ -48,7 +48,7 @@ impl Cut {
         for a in 0..n {
             let (axis, faces) = (run.axis(a), jumps(run, a, &cut.cells));
             let free = |cell: usize| {
-                let element = axis.split(cell as i64).0;
+                let element = axis.element_of(cell as i64);
                 !faces.contains(&axis.face(element)) && !faces.contains(&axis.face(element + 1))
             };
             if free(cut.cells[a]) || !(0..axis.cells).any(free) {

@@ -19,7 +19,7 @@ pub fn jumps(run: &StoredRun, a: usize, cut: &[usize]) -> Vec<f64> {
     if found.first() == Some(&0) {
         found.push(axis.cells);
     }
-    found.into_iter().map(|i| axis.face(axis.split(i as i64).0)).collect()
+    found.into_iter().map(|i| axis.face(axis.element_of(i as i64))).collect()
 }
 
 /// `V` on all cells of these axes, through the cells of a cut along others.

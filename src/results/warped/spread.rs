@@ -6,7 +6,7 @@ use crate::base::row_major::DatasetBox;
 use crate::parallel::communicator::Communicator;
 use crate::parallel::communicator::transpose::Transpose;
 use crate::parallel::partition::Block;
-use crate::plan::memory::{cell_bytes, cells_at_once};
+use crate::plan::memory::ExchangedModes;
 use crate::problem::grid::PhaseSpace;
 use crate::schrodingerization::transform::Transform;
 use crate::solve::rank_modes::RankModes;
@@ -36,11 +36,15 @@ pub struct Spread<'a> {
 impl Spread<'_> {
     /// Largest number of cells of a rank in a round.
     pub fn cells_at_once(&self, points: usize) -> usize {
-        let all = self.modes.iter().map(|modes| modes.len() as u64);
-        let (count, most) = (all.clone().sum(), all.max().unwrap_or(0));
-        let groups = self.modes.len() as u64;
-        let bytes = cell_bytes(count, points as u64, most, groups);
-        cells_at_once(self.buffers, bytes, self.block.cells() as u64, groups) as usize
+        let counts = self.modes.iter().map(|modes| modes.len() as u64);
+        let exchanged = ExchangedModes {
+            modes: counts.clone().sum(),
+            most: counts.max().unwrap_or(0),
+            groups: self.modes.len() as u64,
+            points: points as u64,
+            cells: self.block.cells() as u64,
+        };
+        exchanged.cells_at_once(self.buffers) as usize
     }
 
     /// Calls `visit` in each round with the cells of each rank of the mode groups, and with this

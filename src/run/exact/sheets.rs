@@ -34,10 +34,10 @@ pub fn exact_moments(group: &Group, case: &Case, share: &[Range<usize>]) -> Resu
         let boxes = sheets.boxes(sheet);
         for first in (0..boxes).step_by(ROUND) {
             let round = BoxRound { group, case, sheet, boxes: first..boxes.min(first + ROUND) };
-            let (found, left) = round.follow(&mut sheets, budget, &owners)?;
+            let found = round.follow(&mut sheets, budget, &owners)?;
             found.deposits.iter().for_each(|deposit| sums.add(deposit));
             found.lines.iter().for_each(|line| sums.draw(line));
-            budget = left;
+            budget = budget.less(found.added);
         }
     }
     let largest = group.max(sums.largest());
@@ -80,26 +80,26 @@ struct BoxRound<'a> {
 
 impl BoxRound<'_> {
     /// The deposits of the boxes on this rank's share and all lines, in the order of the boxes, and
-    /// the budget that is left. Collective.
+    /// the particles that all ranks added. Collective.
     fn follow(
         &self,
         sheets: &mut Sheets<'_>,
         budget: ParticleBudget,
         owners: &CellOwners,
-    ) -> Result<(FollowedBoxes, ParticleBudget)> {
+    ) -> Result<FollowedBoxes> {
         let Self { group, case, sheet, ref boxes } = *self;
         if group.size() > 1 {
             let mine = boxes.clone().skip(group.rank()).step_by(group.size());
-            let (mine, used) = sheets.follow_boxes(sheet, mine, budget).ok().unzip();
+            let mine = sheets.follow_boxes(sheet, mine, budget).ok();
             let failed = group.sum_count(usize::from(mine.is_none()));
-            let used = group.sum_count(used.unwrap_or(0));
-            if let Some(mine) = mine.filter(|_| failed == 0 && budget.allows(&case.space, used)) {
-                return Ok((self.exchanged(mine, owners), budget.less(used)));
+            let added = group.sum_count(mine.as_ref().map_or(0, |mine| mine.added));
+            if let Some(mine) = mine.filter(|_| failed == 0 && budget.allows(&case.space, added)) {
+                return Ok(FollowedBoxes { added, ..self.exchanged(mine, owners) });
             }
         }
-        let (mut found, used) = group.agree(sheets.follow_boxes(sheet, boxes.clone(), budget))?;
+        let mut found = group.agree(sheets.follow_boxes(sheet, boxes.clone(), budget))?;
         found.deposits.retain(|deposit| owners.mine(deposit));
-        Ok((found, budget.less(used)))
+        Ok(found)
     }
 
     /// Sends the boxes `found` by each rank, and returns them as [`follow`](Self::follow) does.
@@ -126,7 +126,7 @@ impl BoxRound<'_> {
             lines.extend(received.iter().flat_map(|words| words.chunks(LINE).map(line_of)));
             lines.sort_by_key(|line: &Line| line.number);
         }
-        FollowedBoxes { deposits, lines }
+        FollowedBoxes { deposits, lines, added: found.added }
     }
 }
 

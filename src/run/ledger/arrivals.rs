@@ -243,7 +243,7 @@ impl GatheredArrivals {
         for (replicate, arrivals) in all.iter().enumerate() {
             for ArrivedParticle { point, mass, .. } in arrivals {
                 let axes = space.x.iter().zip(point);
-                let at = number(&mut axes.map(|(axis, x)| part_of(axis, element_at(axis, *x))));
+                let at = number(&mut axes.map(|(axis, x)| part_of(axis, axis.element_at(*x))));
                 masses_of[at][replicate] += mass;
                 absolute += mass.abs();
                 arrived += 1;
@@ -263,7 +263,7 @@ impl GatheredArrivals {
         let volumes = CellVolumes::new(space, share);
         let place = |cell: [usize; MAX_DIMENSION]| {
             let axes = space.x.iter().zip(cell);
-            number(&mut axes.map(|(axis, j)| part_of(axis, axis.split(j as i64).0 as usize)))
+            number(&mut axes.map(|(axis, j)| part_of(axis, axis.element_of(j as i64) as usize)))
         };
         let places: Vec<usize> = box_cells(share).map(place).collect();
         let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
@@ -350,7 +350,7 @@ fn interpolation(space: &PhaseSpace, k: usize, x: f64) -> Vec<(usize, f64)> {
     let axis = space.axis(k);
     let position = axis.position(x);
     if axis.nodes.degree > 0 {
-        let element = element_at(axis, x);
+        let element = axis.element_at(x);
         let values = axis.nodes.reference().values_at(2.0 * (position - element as f64) - 1.0);
         let first = element * axis.nodes.count();
         return values.into_iter().enumerate().map(|(m, weight)| (first + m, weight)).collect();
@@ -365,11 +365,6 @@ fn interpolation(space: &PhaseSpace, k: usize, x: f64) -> Vec<(usize, f64)> {
         }
     };
     vec![(cell(below as i64), 1.0 - weight), (cell(below as i64 + 1), weight)]
-}
-
-/// The element of `axis` that holds `x`; the nearest one beyond its ends.
-fn element_at(axis: &Axis, x: f64) -> usize {
-    (axis.position(x).floor().max(0.0) as usize).min(axis.elements() - 1)
 }
 
 /// Places and weights of the products of `entries`, one of each axis, in the row-major box of the

@@ -21,16 +21,18 @@ impl InterfaceLaw for Conservative {
         let xi = velocity(axis, j);
         let sign = if xi > 0.0 { 1 } else { -1 };
         let lattice = Lattice::new(axis);
-        let (low, high) = lattice.energies(j);
+        let EnergyInterval { low, high } = lattice.energies(j);
         let length = high - low;
         // Reflection: the part of the interval below floor − rise, found at the opposite velocities
         // of the same cell.
         let threshold = lattice.floor - rise;
         if low < threshold {
-            lattice.share(out, Side::Same, -sign, low, high.min(threshold), length);
+            let reflected = EnergyInterval { low, high: high.min(threshold) };
+            lattice.share(out, Side::Same, -sign, reflected, length);
         }
         if high > threshold {
-            lattice.share(out, Side::Across, sign, low.max(threshold) + rise, high + rise, length);
+            let across = EnergyInterval { low: low.max(threshold) + rise, high: high + rise };
+            lattice.share(out, Side::Across, sign, across, length);
         }
         // Energies at a very high wall are rounded, so the shares are normalised to the sum 1.
         let sum: f64 = out.iter().map(|s| s.weight).sum();
@@ -50,6 +52,13 @@ impl InterfaceLaw for Conservative {
     }
 }
 
+/// An interval of kinetic energies.
+#[derive(Clone, Copy)]
+struct EnergyInterval {
+    low: f64,
+    high: f64,
+}
+
 /// The energies of the velocity lattice, continued beyond the box.
 struct Lattice<'a> {
     axis: &'a Axis,
@@ -64,11 +73,11 @@ impl<'a> Lattice<'a> {
         Self { axis, floor: 0.5 * face * face }
     }
 
-    /// Lowest and highest kinetic energy of cell `j`.
-    fn energies(&self, j: i64) -> (f64, f64) {
+    /// The kinetic energies of cell `j`.
+    fn energies(&self, j: i64) -> EnergyInterval {
         let (a, b) = (self.axis.face(j), self.axis.face(j + 1));
         let (a, b) = (0.5 * a * a, 0.5 * b * b);
-        (a.min(b), a.max(b))
+        EnergyInterval { low: a.min(b), high: a.max(b) }
     }
 
     /// The cell of velocities with `sign` that holds kinetic energy `energy` (at least the floor).
@@ -78,15 +87,14 @@ impl<'a> Lattice<'a> {
         at.clamp(-FARTHEST, FARTHEST).floor() as i64
     }
 
-    /// Shares the energies `[low, high]` among the cells of velocities with `sign`; weights are
+    /// Shares an interval of energies among the cells of velocities with `sign`; weights are
     /// overlaps over `length`.
     fn share(
         &self,
         out: &mut Vec<FluxSource>,
         side: Side,
         sign: i64,
-        low: f64,
-        high: f64,
+        EnergyInterval { low, high }: EnergyInterval,
         length: f64,
     ) {
         let mut k = self.cell_of(low, sign) - 2 * sign;
@@ -95,8 +103,8 @@ impl<'a> Lattice<'a> {
         let least = 1e-12 * length;
         while (last - k) * sign >= 0 {
             if velocity(self.axis, k) * sign as f64 > 0.0 {
-                let (a, b) = self.energies(k);
-                let overlap = b.min(high) - a.max(low);
+                let cell = self.energies(k);
+                let overlap = cell.high.min(high) - cell.low.max(low);
                 if overlap > least {
                     out.push(FluxSource { side, velocity: k, weight: overlap / length });
                 }

@@ -17,8 +17,9 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::{Cell, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
+use crate::scheme::interface::energy::FaceSide;
 use crate::scheme::interface::{FluxSource, Side, sources, velocity};
-use crate::scheme::reduce::reached::elements::{Links, Points};
+use crate::scheme::reduce::reached::elements::{Links, PlaneFace, Points};
 use crate::scheme::rows::{Row, Scheme};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -194,7 +195,7 @@ impl Faces {
         a: usize,
     ) -> impl Fn(&ReachedPlane, usize, usize) -> bool + 'a {
         let space = &case.space;
-        let (x, v) = (&space.x[a], &space.v[a]);
+        let v = &space.v[a];
         // The velocities behind a face with a jump.
         let mut behind: BTreeMap<u64, Vec<Vec<FluxSource>>> = BTreeMap::new();
         for jump in self.jumps.iter().flatten() {
@@ -211,8 +212,8 @@ impl Faces {
         }
         move |plane, i, j| {
             let speed = velocity(v, j as i64);
-            let (step, face) = if speed > 0.0 { (-1, i) } else { (1, (i + 1) % x.cells) };
-            let across = space.wrap(a, i as i64 + step);
+            let side = if speed > 0.0 { FaceSide::Above } else { FaceSide::Below };
+            let PlaneFace { number, across } = PlaneFace::of(space, a, i, side);
             let holds = |source: &FluxSource| match (source.side, across) {
                 (Side::Same, _) => plane.holds(i, source.velocity),
                 (Side::Across, Some(across)) => plane.holds(across, source.velocity),
@@ -221,7 +222,7 @@ impl Faces {
             // Cells beyond the ends of the box are inflow, which is in the set from the start.
             let moved = speed != 0.0
                 && across.is_some()
-                && self.jumps[face].iter().any(|jump| behind[jump][j].iter().any(holds));
+                && self.jumps[number].iter().any(|jump| behind[jump][j].iter().any(holds));
             let [up, down] = self.pushed[i];
             moved || up && plane.holds(i, j as i64 - 1) || down && plane.holds(i, j as i64 + 1)
         }

@@ -34,6 +34,7 @@
 pub mod circle;
 pub mod least_squares;
 
+use crate::base::bisect::bisect_whole;
 use crate::schrodingerization::profile::designed::circle::{Circle, TURN};
 use crate::schrodingerization::profile::designed::least_squares::minimiser;
 use crate::schrodingerization::profile::series::Series;
@@ -190,11 +191,11 @@ fn with_gap(
             (kept && g.meets(circle, [lower, upper], share * tolerance)).then_some(g)
         };
         let most = 2 * guess + 40;
-        let numbers: Vec<usize> = (2..=most).collect();
-        let allowed =
-            numbers.partition_point(|&modes| requirements.work(domain.period, modes) < limit);
-        let enough = limit.is_infinite() || (allowed > 0 && attempt(allowed + 1).is_some());
-        enough.then(|| least(guess, allowed + 1, attempt)).flatten()
+        // At least 2 modes; 1 where the work of 2 is too much.
+        let within = |modes: usize| requirements.work(domain.period, modes) < limit;
+        let [allowed, _] = bisect_whole(1, most + 1, within);
+        let enough = limit.is_infinite() || (allowed > 1 && attempt(allowed).is_some());
+        enough.then(|| least(guess, allowed, attempt)).flatten()
     };
     // The shorter domain ends where e^{−p} is far below the tolerance.
     let shorter = (TAU * LARGEST / cutoff - gap).max(2.0 * digits);

@@ -132,7 +132,7 @@ impl Watch {
     }
 
     /// Predicts the time of the first checkpoint from its size in bytes on this rank.
-    pub fn expect(&mut self, bytes: impl FnOnce() -> usize) {
+    pub fn predict_write_time(&mut self, bytes: impl FnOnce() -> usize) {
         (self.writing).get_or_insert_with(|| Duration::from_secs_f64(bytes() as f64 / USUAL_RATE));
     }
 

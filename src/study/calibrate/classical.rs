@@ -2,7 +2,7 @@
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
-use crate::propagate::classical::{Classical, ClassicalSpan, classical_steps};
+use crate::propagate::classical::{Classical, classical_steps};
 use crate::propagate::limiter::Reconstruction;
 use crate::solve::prepared::Prepared;
 use crate::study::calibrate::timing::{PARTS, SolveTime, TimedWork, line};
@@ -18,7 +18,7 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
     let fields = case.fields.len();
     let mut trial = |part: usize| -> Result<TimedWork> {
         let shortened = cut_in_time(case, part);
-        let (legs, steps) = (shortened.legs(), classical_steps(&shortened, &plan.bounds));
+        let steps: usize = classical_steps(&shortened, &plan.bounds).iter().sum();
         world.barrier();
         let started = Instant::now();
         for (k, start) in system.states.iter().enumerate() {
@@ -26,13 +26,11 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
             let mut classical =
                 Classical::of(case, &system.matrix, &system.weights.pi).with_slopes(slopes);
             let mut state = start.clone();
-            for (&time, &steps) in legs.iter().zip(&steps) {
-                let span = ClassicalSpan { rate: plan.bounds.rate, time };
-                classical.integrate(&mut system.exchange, &shortened, span, steps, &mut state);
-            }
+            let (exchange, nothing) = (&mut system.exchange, |_: usize, _: &[f64]| ());
+            classical.integrate_legs(exchange, &shortened, &plan.bounds, &mut state, nothing);
         }
         let seconds = world.max(started.elapsed().as_secs_f64());
-        Ok(TimedWork { seconds, cost: (fields * steps.iter().sum::<usize>()) as f64 })
+        Ok(TimedWork { seconds, cost: (fields * steps) as f64 })
     };
     let line = line(&mut trial)?;
     let all = (fields * plan.classical_steps) as f64;

@@ -20,7 +20,7 @@ use crate::solve::modes::{self, RunHooks};
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
 use crate::solve::rank_modes::{ModeProgress, RankModes};
-use crate::solve::stage::{FullRunModes, Task};
+use crate::solve::stage::{FullRunModes, LegEnd, Task};
 use crate::solve::system::DiscreteSystem;
 use crate::study::calibrate::timing::{
     LONG_ENOUGH, LinearCost, PARTS, SolveTime, TimedWork, line, repeated,
@@ -174,7 +174,7 @@ impl<'a> ModeTrials<'a> {
             shares: &self.rank_cells.ranges,
             moments: Some(&self.moments),
         };
-        let mut unwritten = |_: usize, _: usize, _: &RankModes| Ok(());
+        let mut unwritten = |_: LegEnd, _: &RankModes| Ok(());
         let mut keeping = kept.as_mut().map(|kept| FullRunModes {
             kept,
             begun: self.given.is_some(),

@@ -55,6 +55,13 @@ struct ExpectedSeconds {
     at_least: bool,
 }
 
+/// The grid on which a chart compares methods.
+pub(crate) struct ComparedGrid {
+    pub space: PhaseSpace,
+    /// The reason why it is coarser than the case's own; `None` if it is not.
+    pub why_coarser: Option<String>,
+}
+
 /// The entry of `case` that is refused for this `reason`.
 fn refusal(case: &Case, reason: String) -> ChartEntry {
     ChartEntry { reason: Some(reason), ..ChartEntry::of(case, Status::Refused) }
@@ -109,11 +116,11 @@ impl<'a> Attempts<'a> {
     }
 
     /// Tries the settings of `programme`, and the case as given. Returns the grid on which methods
-    /// are compared, and why it is that one. Collective.
+    /// are compared. Collective.
     ///
     /// # Errors
     /// That of the first trial, if every method fails on two grids: all others would fail, too.
-    pub fn run_programme(&mut self, programme: &Programme) -> Result<(PhaseSpace, Option<String>)> {
+    pub fn run_programme(&mut self, programme: &Programme) -> Result<ComparedGrid> {
         self.try_all(programme.every_method());
         let given = Setting { space: self.case.space.clone(), setup: Setup::Given, flux: None };
         self.try_all(vec![given]);
@@ -121,13 +128,13 @@ impl<'a> Attempts<'a> {
         if !self.has_results() {
             return Err(self.why_nothing_ran());
         }
-        let (compared, compared_why) = self.grid_for_comparison(programme);
-        self.try_all(programme.every_choice(&compared));
+        let compared = self.grid_for_comparison(programme);
+        self.try_all(programme.every_choice(&compared.space));
         self.try_all(programme.other_degrees());
         self.try_all(programme.other_grids());
         self.try_all(programme.other_fluxes());
-        self.try_all(programme.everything(&compared));
-        Ok((compared, compared_why))
+        self.try_all(programme.everything(&compared.space));
+        Ok(compared)
     }
 
     /// The case with elements of the degree of `space`.
@@ -230,7 +237,7 @@ impl<'a> Attempts<'a> {
             *case = setting.apply(self.base(&setting.space), Some(&bounds));
             reduced_case.warp = case.warp.clone();
         }
-        let (expected, error) = self.expect(&reduced_case);
+        let (expected, error) = self.predicted_seconds(&reduced_case);
         // With measured bounds the plan of the trial fails, too; without them it may succeed.
         if self.budget.decide(error.is_some() && self.cost.is_measured(&reduced_case)) {
             let reason = error.map_or(String::new(), |e| e.to_string());
@@ -309,7 +316,7 @@ impl<'a> Attempts<'a> {
 
     /// Expected seconds of a trial of `case`, and the error if it cannot be planned. They are a
     /// lower bound if it takes much too long anyway.
-    fn expect(&mut self, case: &Case) -> (ExpectedSeconds, Option<Error>) {
+    fn predicted_seconds(&mut self, case: &Case) -> (ExpectedSeconds, Option<Error>) {
         let least = self.cost.overhead(case, case.space.cells() as f64);
         let at_least = |seconds| ExpectedSeconds { seconds, at_least: true };
         if self.has_results() && least > LARGEST_PART * self.budget.limit() {
@@ -372,8 +379,8 @@ impl<'a> Attempts<'a> {
     }
 
     /// The finest grid, up to the case's own, on which the budget holds the comparison of methods
-    /// by the estimate of rank 0, and the reason if it is not the case's own. Collective.
-    pub fn grid_for_comparison(&mut self, programme: &Programme) -> (PhaseSpace, Option<String>) {
+    /// by the estimate of rank 0. Collective.
+    fn grid_for_comparison(&mut self, programme: &Programme) -> ComparedGrid {
         let Programme { grids, own, .. } = programme;
         let mut reason = |k: usize| self.too_expensive(&programme.profiles(&grids[k]));
         let why = reason(*own);
@@ -381,7 +388,8 @@ impl<'a> Attempts<'a> {
         let finest = why.as_ref().map_or(*own, coarser);
         let [finest] = self.budget.from_rank_zero([finest as f64]);
         let finest = (finest as usize).min(*own);
-        (grids[finest].clone(), why.filter(|_| finest < *own))
+        let why_coarser = why.filter(|_| finest < *own);
+        ComparedGrid { space: grids[finest].clone(), why_coarser }
     }
 
     /// The reason why these trials together are too expensive to compare methods on their grid.

@@ -5,7 +5,7 @@ use crate::problem::case::{Integrator, Limiter, ProfileChoice, PropagatorMethod}
 use crate::study::chart::entry::{ChartEntry, Status};
 use crate::study::chart::files::{COLUMNS, csv};
 use crate::study::chart::setup::{Modes, Setup, refused};
-use crate::study::chart::verdict::winners;
+use crate::study::chart::verdict::{Winners, winners};
 use crate::study::treatment::Treatment;
 use serde_json::Value;
 
@@ -88,14 +88,14 @@ fn the_cheapest_wins_at_each_accuracy() {
     ];
     let all: Vec<&ChartEntry> = entries.iter().collect();
     let point = |e: &ChartEntry| Some([e.seconds?, e.error_semidiscrete?]);
-    let (found, missed) = winners(&all, &[1e-2, 1e-4, 1e-6, 1e-8, 1e-10], point);
+    let Winners { within: found, missed } = winners(&all, &[1e-2, 1e-4, 1e-6, 1e-8, 1e-10], point);
     assert_eq!(missed, Some(1e-10));
     let found: Vec<(f64, f64)> =
         (found.iter()).map(|(within, e)| (*within, e.seconds.unwrap())).collect();
     assert_eq!(found, [(1e-2, 1.0), (1e-8, 3.0)]);
     // By applications the third entry is the cheapest at one accuracy.
     let point = |e: &ChartEntry| Some([e.applications? as f64, e.error_semidiscrete?]);
-    let (found, _) = winners(&all, &[1e-2, 1e-4, 1e-6], point);
+    let found = winners(&all, &[1e-2, 1e-4, 1e-6], point).within;
     let cost: Vec<usize> = found.iter().map(|(_, e)| e.applications.unwrap()).collect();
     assert_eq!(cost, [100, 200, 300]);
 }

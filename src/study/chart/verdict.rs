@@ -22,28 +22,36 @@ fn figures(x: f64) -> String {
     if (0.01..10.0).contains(&x) { format!("{x:.2}") } else { format!("{x:.1e}") }
 }
 
-/// The cheapest of `entries` at each of `accuracies`, and the first accuracy that no entry reaches.
-/// An entry that is cheapest at several accuracies in turn stands once, with the tightest of them.
+/// The cheapest entries at some accuracies.
+pub struct Winners<'a> {
+    /// Each with the tightest accuracy at which it is the cheapest.
+    pub within: Vec<(f64, &'a ChartEntry)>,
+    /// The first accuracy that no entry reaches.
+    pub missed: Option<f64>,
+}
+
+/// The cheapest of `entries` at each of `accuracies`, up to the first that no entry reaches. An
+/// entry that is cheapest at several accuracies in turn stands once, with the tightest of them.
 pub fn winners<'a>(
     entries: &[&'a ChartEntry],
     accuracies: &[f64],
     point: impl Fn(&ChartEntry) -> Option<[f64; 2]>,
-) -> (Vec<(f64, &'a ChartEntry)>, Option<f64>) {
-    let mut found: Vec<(f64, &ChartEntry)> = Vec::new();
+) -> Winners<'a> {
+    let mut within: Vec<(f64, &ChartEntry)> = Vec::new();
     for &accuracy in accuracies {
         let reach = entries.iter().filter_map(|e| {
             let [cost, error] = point(e)?;
             (error <= accuracy && cost.is_finite()).then_some((cost, *e))
         });
         let Some((_, best)) = reach.min_by(|(a, _), (b, _)| a.total_cmp(b)) else {
-            return (found, Some(accuracy));
+            return Winners { within, missed: Some(accuracy) };
         };
-        match found.last_mut() {
+        match within.last_mut() {
             Some((tightest, last)) if std::ptr::eq(*last, best) => *tightest = accuracy,
-            _ => found.push((accuracy, best)),
+            _ => within.push((accuracy, best)),
         }
     }
-    (found, None)
+    Winners { within, missed: None }
 }
 
 /// The sentence on the cheapest entries at each of some accuracies.
@@ -68,8 +76,8 @@ impl CheapestByAccuracy<'_> {
             .filter_map(|e| Some((error(e)?, *e)))
             .min_by(|(a, _), (b, _)| a.total_cmp(b));
         let (closest_error, closest) = closest?;
-        let (winners, missed) = winners(self.entries, self.accuracies, self.point);
-        let mut parts: Vec<String> = (winners.iter())
+        let Winners { within, missed } = winners(self.entries, self.accuracies, self.point);
+        let mut parts: Vec<String> = (within.iter())
             .map(|(within, e)| {
                 let (name, cost) = ((self.name)(e), (self.cost)(e));
                 format!("within {} {name}, {cost}", accuracy_text(*within))

@@ -5,7 +5,7 @@ use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Limiter, Method};
 use crate::solve::prepared::Prepared;
-use crate::solve::spectrum::{self, SpectrumExtremes};
+use crate::solve::spectrum::SpectrumExtremes;
 use crate::study::grids::{grid_name, stray_edges};
 use crate::study::trial::final_fields_only;
 
@@ -71,10 +71,9 @@ pub fn assembled(world: &World, case: &Case) -> Result<Prepared> {
 /// Both ends of the spectrum of `S` of an assembled case; the highest is `λ⁺`. Collective.
 ///
 /// # Errors
-/// As [`spectrum::find`].
+/// As [`spectrum`](crate::solve::system::DiscreteSystem::spectrum).
 pub fn extremes(found: &mut Prepared) -> Result<SpectrumExtremes> {
-    let space = &found.communicator.space;
-    Ok(spectrum::find(&mut found.system, space, LANCZOS)?.0)
+    Ok(found.system.spectrum(&found.communicator.space, LANCZOS)?.extremes)
 }
 
 #[cfg(test)]

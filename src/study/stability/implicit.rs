@@ -20,13 +20,20 @@ const MOST: u32 = 12;
 /// Error at which measured and predicted steps are compared: both are accurate there.
 const COMPARED: f64 = 1e-3;
 
-/// The order of the error between two steps, and these steps: the two shortest whose error is
-/// neither near the tolerance nor too large for an asymptotic order.
-fn slope(points: &[CurvePoint]) -> Option<(f64, [f64; 2])> {
+/// An order of convergence that was measured.
+struct MeasuredOrder {
+    order: f64,
+    /// The shorter and the longer step between which the error has this order.
+    steps: [f64; 2],
+}
+
+/// The order of the error between two steps: the two shortest whose error is neither near the
+/// tolerance nor too large for an asymptotic order.
+fn slope(points: &[CurvePoint]) -> Option<MeasuredOrder> {
     let mut fine = points.iter().filter(|p| p.measured > 20.0 * TOLERANCE && p.measured < 0.3);
     let (a, b) = (fine.next()?, fine.next()?);
-    let slope = (b.measured / a.measured).ln() / (b.x / a.x).ln();
-    Some((slope, [a.x, b.x]))
+    let order = (b.measured / a.measured).ln() / (b.x / a.x).ln();
+    Some(MeasuredOrder { order, steps: [a.x, b.x] })
 }
 
 /// The index of the longest step, in points by rising step, that no shorter step improves on: none
@@ -89,15 +96,14 @@ impl ImplicitSteps {
         found
     }
 
-    /// The order of convergence, and the steps that show it. Steps at which the error stalls do not
-    /// count.
-    fn order(&self) -> Option<(f64, [f64; 2])> {
+    /// The order of convergence. Steps at which the error stalls do not count.
+    fn order(&self) -> Option<MeasuredOrder> {
         slope(&self.points[stalled(&self.points).unwrap_or(0)..])
     }
 
     fn borders(&self) -> [Border; 2] {
         let Self { name, points, .. } = self;
-        let order = self.order().map(|(order, _)| order);
+        let order = self.order().map(|found| found.order);
         [
             Border::new(format!("{name}: order"), order, Some(self.method.order() as f64)),
             Border::new(
@@ -112,7 +118,7 @@ impl ImplicitSteps {
         let Self { name, points, .. } = self;
         let expected = self.method.order();
         let mut verdict = match self.order() {
-            Some((order, [short, long])) => format!(
+            Some(MeasuredOrder { order, steps: [short, long] }) => format!(
                 "{name} converges with order {order:.2} (theory {expected}) between the steps \
                  {long:.2e} and {short:.2e}. "
             ),
@@ -194,7 +200,7 @@ mod tests {
         assert_eq!(stalled(&falls), None);
         assert_eq!(stalled(&turns), Some(2));
         assert_eq!(stalled(&stays), Some(2));
-        let (order, steps) = slope(&turns[2..]).expect("it falls there");
+        let MeasuredOrder { order, steps } = slope(&turns[2..]).expect("it falls there");
         assert!((order - 2.0).abs() < 1e-12 && steps == [4.0, 8.0]);
         assert_eq!(stalled(&[]), None);
     }

@@ -11,7 +11,8 @@ use crate::study::grids::coarsened;
 use crate::study::stability::cases::grid_notes;
 use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
 use crate::study::stability::reading::{
-    SpectrumExtent, THRESHOLD, expected, plateau, refuse_varying, switched_gaussian,
+    SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
+    switched_gaussian,
 };
 use crate::study::stability::reference::ReferenceProblem;
 
@@ -57,7 +58,7 @@ impl IntervalTrials {
     fn new(task: &PanelTask<'_>, case: &Case) -> Result<Self> {
         let mut reference = ReferenceProblem::new(task.world, case)?;
         let extent = SpectrumExtent::measured(&mut reference, case.duration())?;
-        let (profile, room) = switched_gaussian();
+        let SwitchedGaussian { profile, room } = switched_gaussian();
         Ok(Self {
             reference,
             extent,

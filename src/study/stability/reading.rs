@@ -51,9 +51,15 @@ impl SpectrumExtent {
     }
 }
 
-/// A Gaussian profile with [`THRESHOLD`] and [`SIGMA`] that switches on below `p = 0`, and the
-/// length below `p = 0` beyond which it is small.
-pub(crate) fn switched_gaussian() -> (Gaussian, f64) {
+/// A Gaussian profile that switches on below `p = 0`.
+pub(crate) struct SwitchedGaussian {
+    pub profile: Gaussian,
+    /// The length below `p = 0` beyond which it is small.
+    pub room: f64,
+}
+
+/// A Gaussian profile with [`THRESHOLD`] and [`SIGMA`] that switches on below `p = 0`.
+pub(crate) fn switched_gaussian() -> SwitchedGaussian {
     let offset = -normal_quantile(THRESHOLD) * SIGMA;
     // Beyond the cutoff coefficients are below round-off.
     let digits = -libm::log(THRESHOLD * f64::EPSILON);
@@ -65,7 +71,7 @@ pub(crate) fn switched_gaussian() -> (Gaussian, f64) {
         cutoff: (1.0 + 2.0 * (digits - offset) / square).sqrt(),
     };
     let tail = square + SIGMA * (square + 2.0 * (-libm::log(THRESHOLD) - offset)).sqrt();
-    (profile, tail - offset)
+    SwitchedGaussian { profile, room: tail - offset }
 }
 
 /// The error of a reading at `p`, by theory, if the norm of the state is `ratio` times that of the

@@ -11,7 +11,8 @@ use crate::study::stability::panel::{
     Border, Curve, CurvePoint, PanelContents, PanelTask, nothing_tried,
 };
 use crate::study::stability::reading::{
-    SpectrumExtent, THRESHOLD, expected, plateau, refuse_varying, switched_gaussian,
+    SpectrumExtent, SwitchedGaussian, THRESHOLD, expected, plateau, refuse_varying,
+    switched_gaussian,
 };
 use crate::study::stability::reference::ReferenceProblem;
 use crate::study::treatment::Treatment;
@@ -91,7 +92,7 @@ fn read(
     case: &Case,
     notes: &mut Vec<String>,
 ) -> Result<Option<TreatmentReadings>> {
-    let (profile, room) = switched_gaussian();
+    let SwitchedGaussian { profile, room } = switched_gaussian();
     let at: Vec<f64> =
         (0..).map(|k| FROM + APART * f64::from(k)).take_while(|p| *p <= TO).collect();
     let mut reference = ReferenceProblem::new(task.world, case)?;

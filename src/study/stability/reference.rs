@@ -65,7 +65,7 @@ impl ReferenceProblem {
             if after > 0.0 {
                 self.ratio = self.ratio.max(before / after);
             }
-            self.exact.push(system.own_field(&rank_cells.mine, &state));
+            self.exact.push(system.weights.own_field(&rank_cells.mine, &state));
         }
     }
 
@@ -97,7 +97,7 @@ impl ReferenceProblem {
         let volumes = volumes_of(&self.prepared);
         let mut worst = vec![0.0f64; points.len()];
         for (readings, exact) in found.fields.iter().zip(&self.exact) {
-            for (worst, f) in worst.iter_mut().zip(readings) {
+            for (worst, f) in worst.iter_mut().zip(readings.each()) {
                 let error = FieldNorms::new(&self.prepared, &volumes, f).distance(exact);
                 if !error.is_nan() {
                     *worst = worst.max(error);

@@ -369,18 +369,18 @@ fn energy_is_conserved_from_degree_2_on() {
             let (space, a) = (&case.space, System::of_rows(&case).generator);
             let energy = |i: usize| {
                 let p = space.point(&space.cell(i));
-                let below = space.x[0].split(space.cell(i)[0] as i64).0 < 2;
+                let below = space.x[0].element_of(space.cell(i)[0] as i64) < 2;
                 space.relative_volume(&space.cell(i))
                     * (0.5 * p[3] * p[3] + if below { 0.2 } else { 0.0 })
             };
             let mut worst = 0.0f64;
             for j in 0..a.size {
                 let cell = space.cell(j);
-                let (element, v) = (space.x[0].split(cell[0] as i64).0, space.point(&cell)[3]);
+                let (element, v) = (space.x[0].element_of(cell[0] as i64), space.point(&cell)[3]);
                 // Outflow through an end of the box; the step carries the fastest particles out of
                 // it, too.
                 let leaves = element == if v > 0.0 { 3 } else { 0 };
-                if leaves || space.v[0].split(cell[1] as i64).0 % 5 == 0 {
+                if leaves || space.v[0].element_of(cell[1] as i64) % 5 == 0 {
                     continue;
                 }
                 let change: f64 = (0..a.size).map(|i| energy(i) * a.at(i, j)).sum();

@@ -60,10 +60,10 @@ fn exact_moments(case: &Case) -> Result<ExactMoments> {
     let mut sums = SheetSums::new(&case.space, &whole);
     let mut budget = sheets.budget();
     for sheet in sheets.all() {
-        let (found, used) = sheets.follow_boxes(sheet, 0..sheets.boxes(sheet), budget)?;
+        let found = sheets.follow_boxes(sheet, 0..sheets.boxes(sheet), budget)?;
         found.deposits.iter().for_each(|deposit| sums.add(deposit));
         found.lines.iter().for_each(|line| sums.draw(line));
-        budget = budget.less(used);
+        budget = budget.less(found.added);
     }
     let largest = sums.largest();
     Ok(sums.finish(largest))

@@ -105,15 +105,14 @@ impl<'a> SeenFilaments<'a> {
     /// Collective.
     fn search_within_cells(&mut self, world: &Group, compared: &ComparedPlaces) -> f64 {
         let axis = &self.rule.space.x[0];
-        let cell_of = |x: f64| (axis.position(x).floor().max(0.0) as usize).min(axis.cells - 1);
         let averages = |within_cells| CellAverages { rule: &self.rule, within_cells };
         let expected = at_all(world, &compared.positions, |[x, ..]| {
-            let cell = cell_of(*x) as i64;
+            let cell = axis.element_at(*x) as i64;
             averages(false).over_cell([axis.face(cell), axis.face(cell + 1)]).moments[0]
         });
         let difference = |within_cells| {
             let found = at_all(world, &compared.positions, |[x, ..]| {
-                averages(within_cells).of(&[[cell_of(*x), 0, 0]])[0].moments[0]
+                averages(within_cells).of(&[[axis.element_at(*x), 0, 0]])[0].moments[0]
             });
             compared.difference(&found, &expected)
         };

@@ -1,7 +1,6 @@
 //! Positions at which integrals over the velocities are compared.
 
 use crate::parallel::communicator::Group;
-use crate::parallel::partition::split;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells};
 
 /// `value` at all `places`, of which each rank computes a part. Collective.
@@ -11,7 +10,7 @@ pub fn at_all(
     value: impl Fn(&[f64; MAX_DIMENSION]) -> f64,
 ) -> Vec<f64> {
     let mut found = vec![0.0; places.len()];
-    for k in split(&(0..places.len()), world.size(), world.rank()) {
+    for k in world.piece_of(&(0..places.len())) {
         found[k] = value(&places[k]);
     }
     world.gathered(found)

@@ -47,9 +47,30 @@ impl Points {
     }
 }
 
+/// A face of a cell of a reached plane across its space axis.
+pub(super) struct PlaneFace {
+    /// Number of the cell above the face.
+    pub number: usize,
+    /// The cell on the other side; `None` beyond an end of the box.
+    pub across: Option<usize>,
+}
+
+impl PlaneFace {
+    /// The face of cell `i` of `space` along axis `a` of which the cell is on this `side`.
+    pub fn of(space: &PhaseSpace, a: usize, i: usize, side: FaceSide) -> Self {
+        match side {
+            FaceSide::Above => Self { number: i, across: space.wrap(a, i as i64 - 1) },
+            FaceSide::Below => {
+                Self { number: (i + 1) % space.x[a].cells, across: space.wrap(a, i as i64 + 1) }
+            }
+        }
+    }
+}
+
 /// The dependences between elements in the plane of an axis.
-pub(super) struct Links<'a> {
-    space: &'a PhaseSpace,
+pub(super) struct Links {
+    /// The grid of elements.
+    elements: PhaseSpace,
     axis: usize,
     /// The jumps at the lower face of each element, anywhere across the axis.
     jumps: Vec<Vec<JumpKind>>,
@@ -59,9 +80,9 @@ pub(super) struct Links<'a> {
     partners: HashMap<JumpKind, Vec<BTreeSet<(FaceSide, usize)>>>,
 }
 
-impl<'a> Links<'a> {
+impl Links {
     /// The dependences along space axis `a`; `None` for more than `most_jumps` kinds of jumps.
-    pub fn new(case: &'a Case, potential: &Potential, a: usize, most_jumps: usize) -> Option<Self> {
+    pub fn new(case: &Case, potential: &Potential, a: usize, most_jumps: usize) -> Option<Self> {
         let space = &case.space;
         let (x, v) = (&space.x[a], &space.v[a]);
         if potential.jump_kinds(a).nth(most_jumps).is_some() {
@@ -101,21 +122,14 @@ impl<'a> Links<'a> {
             (kind, all.map(of_element).collect())
         };
         let partners = potential.jump_kinds(a).map(partners).collect();
-        Some(Self { space, axis: a, jumps, pushed, partners })
+        Some(Self { elements: space.by_elements(), axis: a, jumps, pushed, partners })
     }
 
     /// Whether the rows of element `(i, j)` depend on an element that `holds` something.
     pub fn take(&self, holds: impl Fn(usize, i64) -> bool, i: usize, j: usize) -> bool {
-        let velocities = self.space.v[self.axis].elements();
-        let elements = self.jumps.len();
-        let periodic = self.space.is_periodic(self.axis);
+        let velocities = self.elements.v[self.axis].cells;
         let through = |side: FaceSide| {
-            let (face, across) = match side {
-                FaceSide::Above => (i, i.checked_sub(1)),
-                FaceSide::Below => ((i + 1) % elements, Some(i + 1).filter(|e| *e < elements)),
-            };
-            let around = if side == FaceSide::Above { elements - 1 } else { 0 };
-            let across = across.or(periodic.then_some(around));
+            let PlaneFace { number, across } = PlaneFace::of(&self.elements, self.axis, i, side);
             let first = if side == FaceSide::Below { 0 } else { velocities };
             let from = |&(other, element): &(FaceSide, usize)| {
                 let place = if other == side { Some(i) } else { across };
@@ -123,7 +137,7 @@ impl<'a> Links<'a> {
             };
             // Cells beyond the ends of the box are inflow, which is in the set from the start.
             across.is_some()
-                && self.jumps[face].iter().any(|kind| match self.partners.get(kind) {
+                && self.jumps[number].iter().any(|kind| match self.partners.get(kind) {
                     None => across.is_some_and(|across| holds(across, j as i64)),
                     Some(partners) => partners[first + j].iter().any(from),
                 })
