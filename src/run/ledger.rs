@@ -205,8 +205,9 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
     let initial = &sources.initial;
     (mass.formula, mass.formula_error) = (Some(initial.mean.mass), Some(initial.error.mass));
     mass.outside = measure.then_some(initial.mean.outside);
-    if case.reflects() && case.enters() {
-        let why = "mass that enters: at partial reflection it has no single origin";
+    if !has_origins(case) {
+        let why = "mass that enters, and outflow: what enters at a partial reflection has no \
+                   single origin";
         ledger.omitted.push(why.into());
     } else {
         // The empty sum is -0.
@@ -222,14 +223,16 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
         let mean = sources.sum(|tally| tally.energy[axis]) / absolute;
         jump.mean_energy = Some(mean).filter(|mean| mean.is_finite());
     }
-    if case.reflects() {
-        ledger.omitted.push(
-            "outflow through each end: partial reflection has no single characteristic".into(),
-        )
-    } else {
-        outflow(case, &sources, ledger)
+    if has_origins(case) {
+        outflow(case, &sources, ledger);
     }
     tracker.arrivals
+}
+
+/// Whether all particles of `case` have an origin from which they can be followed: not those that
+/// enter the velocity box at jumps of partial reflection.
+fn has_origins(case: &Case) -> bool {
+    !(case.reflects() && case.enters())
 }
 
 /// Puts the outflow through each end and the mass that the interface law adds into `ledger`.
@@ -279,7 +282,8 @@ fn replicated(
             drawn.iter().for_each(|particle| tally.add(particle, 1.0 / many as f64));
             let inside = drawn.into_iter().filter(|particle| particle.inside).collect();
             let followed = FOLLOWED[usize::from(source != ParticleSource::Initial)];
-            if !sampler.case.reflects() {
+            if has_origins(sampler.case) {
+                tracker.begin(source.seed(replicate));
                 for particle in resampled(inside, followed, sequence.offset) {
                     tracker.follow(replicate, &mut tally, &particle, 1.0 / many as f64);
                 }

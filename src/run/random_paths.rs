@@ -16,15 +16,15 @@
 //! Uses: the tracer, the sums of the ledger's particles.
 
 use crate::base::error::Result;
-use crate::base::random::{evenly_spread, uniform};
+use crate::base::random::evenly_spread;
 use crate::base::row_major;
 use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
-use crate::problem::case::Case;
-use crate::problem::exact::{Crossing, MOST_EXAMINED, MostCells, Tracer};
+use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
 use crate::results::accuracy::ParticleErrors;
 use crate::run::ledger::arrivals::{ComparedResult, beyond_scatter};
 use crate::run::ledger::draw::REPLICATES;
+use crate::run::ledger::tracking::is_reflected;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -77,8 +77,8 @@ fn sample(
     let at = place * velocities + velocity;
     let mut random = ChaCha8Rng::seed_from_u64(k as u64);
     let mut end = || {
-        let mut turns_back = |met: &Crossing| is_reflected(case, met, uniform(&mut random));
-        tracer.value_by(&space.point(&cell), case.end, &mut turns_back)
+        let point = space.point(&cell);
+        tracer.value_by(&point, case.end, &mut |met| is_reflected(case, met, &mut random))
     };
     let [a, b] = [end(), end()];
     let (found, weight) = (result.field[at], volumes.relative(at));
@@ -86,10 +86,4 @@ fn sample(
     terms[k % REPLICATES] = weight * (found - a) * (found - b);
     terms[REPLICATES + k % REPLICATES] = weight * a * b;
     Some(terms)
-}
-
-/// Whether a particle that has the energy for it is not transmitted, by a `number` of `[0, 1)`.
-fn is_reflected(case: &Case, met: &Crossing, number: f64) -> bool {
-    let region = met.higher.map(|region| &case.potential[region]);
-    region.is_some_and(|region| number < region.reflected(met.energy, met.rise.abs()))
 }

@@ -7,7 +7,7 @@ use crate::parallel::communicator::{Group, World};
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
 use crate::problem::case::Case;
-use crate::results::accuracy::{EstimatedErrors, is_large};
+use crate::results::accuracy::{EstimatedErrors, ParticleErrors, is_large};
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
@@ -257,23 +257,28 @@ impl<'a> Driver<'a> {
     ) {
         let case = result.case;
         let starts_from_formula = case.start_field.is_none() && case.warped_start.is_none();
+        let mut by_paths = ParticleErrors::default();
         if self.output.is_some() && case.reflects() && starts_from_formula {
             // Where V is not finite on other cells, they are not known.
-            self.summary.accuracy.particles =
-                random_paths::errors(world, result).unwrap_or_default();
+            by_paths = random_paths::errors(world, result).unwrap_or_default();
         }
+        self.summary.accuracy.particles = by_paths;
         let Some(arrivals) = arrivals.gathered(world) else { return };
         // Where V is not finite on other cells, that error is not known.
-        let traced = arrivals.tracing_error(result.case).unwrap_or(None);
+        let traced = arrivals.tracing_error(case).unwrap_or(None);
         let particles = arrivals.errors(world, result).beyond_tracing(traced.unwrap_or(0.0));
-        self.summary.accuracy.particles = particles;
-        let is_traced = result.case.traces_exact() && self.summary.error_l2_relative.is_some();
+        self.summary.accuracy.particles = ParticleErrors {
+            field: particles.field.or(by_paths.field),
+            field_mean: particles.field_mean.or(by_paths.field_mean),
+            ..particles
+        };
+        let is_traced = case.traces_exact() && self.summary.error_l2_relative.is_some();
         let of_exact = traced.filter(|_| is_traced);
         self.summary.exact_field_error =
-            of_exact.map(|traced| arrivals.error_of_exact(result.case, traced));
+            of_exact.map(|traced| arrivals.error_of_exact(case, traced));
         // Measure-valued data, and densities that cancel, have no such error.
         let Some(known) = self.summary.exact_density_error else { return };
-        let space = &result.case.space;
+        let space = &case.space;
         let shown = match exact.moments.last() {
             // In one dimension, the exact density of degree 0 is an average over each cell.
             Some(moments) if space.dimension() == 1 && space.whole_degree() == 0 => {

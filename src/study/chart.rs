@@ -86,17 +86,6 @@ pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
     Ok(chart)
 }
 
-/// The `items` in their order, each once.
-fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
-    let mut found = Vec::new();
-    for item in items {
-        if !found.contains(&item) {
-            found.push(item);
-        }
-    }
-    found
-}
-
 /// The case with elements of other degrees, and the reason why higher degrees are missing, if they
 /// are.
 fn other_degrees(case: &Case) -> (Vec<Case>, Option<String>) {

@@ -123,3 +123,14 @@ pub fn settings(case: &Case, target: &Case) -> Vec<String> {
     }
     set
 }
+
+/// The `items` in their order, each once.
+pub fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut found = Vec::new();
+    for item in items {
+        if !found.contains(&item) {
+            found.push(item);
+        }
+    }
+    found
+}

@@ -43,6 +43,11 @@ fn inflows_that_no_embedding_can_treat_are_refused() {
             &["growth x time", "solver.warp.delta"],
         ),
         (
+            "step_up.toml",
+            &["axis.0.x.cells=8", "axis.0.v.cells=6", "time.end=3000"],
+            &["nearly all of f has left the box by time.end", "an earlier one"],
+        ),
+        (
             "pulsed_inflow.toml",
             &["inflow.value='1/(t - 1.2)'"],
             &["inflow.value", "inf", "t = 1.2", "must be finite"],

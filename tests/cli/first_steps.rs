@@ -76,8 +76,10 @@ fn a_refused_case_is_reported_as_json() {
     let rows = [
         ("time.end=-1", "time.end", "-1", "above"),
         ("solver.tolerence=1", "solver.tolerence", "", "did you mean"),
+        ("degree=3", "degree", "", "(did you mean axis.N.x.degree or axis.N.v.degree or scheme."),
         ("initial.f=1/x + ln(v)", "initial.f", "1/x + ln(v)", "finite"),
         ("initial={table={file='none.csv'}}", "initial.table.file", "none.csv", "No such file"),
+        ("initial.f=1 if x < -1", "initial.f", "1 if x < -1", "an `else` gives the value"),
         ("initial.field=none.h5", "initial.field", "none.h5", "No such file"),
         ("solver.tolerance=1e-16", "solver.tolerance", "1e-16", "round-off"),
     ];

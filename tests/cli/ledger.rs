@@ -59,6 +59,7 @@ fn the_estimated_outflow_is_the_loss_of_the_grid() {
         loss("step_up.toml", vec![out, DEGREE], right, 0.02),
         loss("inflow_barrier.toml", vec![far], along, 0.05),
         loss("pulsed_inflow.toml", vec![far], along, 0.1),
+        loss("partial_reflection.toml", vec![&["time.end=3", CLASSICAL]], along, 0.02),
         loss("periodic2d.toml", vec![&["time.end=3", CLASSICAL, CONSERVATIVE]], right, 0.1),
     ];
     check_all(rows, |Loss { case, settings, axis, ends, by }| {

@@ -15,6 +15,7 @@ const UNKNOWN_KEYS: &[Row] = &[
     ("[solver.propagator]", "[solver.propogator]", &["propogator", "mean \"propagator\""]),
     ("title     =", "tittle    =", &["tittle", "mean \"title\""]),
     ("end = 1.0", "end = 1.0\nbegin = 0", &["time.begin", "known here: start, end"]),
+    ("end = 1.0", "end = 1.0\ndegree = 2", &["time.degree", "or scheme.degree?)"]),
 ];
 
 /// Wrong types.
@@ -281,6 +282,8 @@ const INVALID: &[Row] = &[
     ("end = 1.0", "end = 1,0", &["decimal point"]),
     ("interface = \"hat\"", "interface = \"hat", &[]),
     ("interface = \"hat\"", "interface = hat", &["texts are in quotes"]),
+    ("end = 1.0", "end = 2*pi", &["formulas and other texts are in quotes"]),
+    ("end = 1.0", "end = -pi", &["formulas and other texts are in quotes"]),
     ("recovery_points = 2", "recovery_points = 2\n[time]", &["time"]),
 ];
 

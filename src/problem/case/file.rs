@@ -145,10 +145,8 @@ impl<'t> CaseFile<'t> {
             return self.error(&key, &mistake.message);
         }
         let name = key.rsplit('.').next().unwrap_or_default();
-        let meant = match mistake.message.as_str() {
-            "" => keys().ending_in(name),
-            _ => Vec::new(),
-        };
+        let is_misspelt = mistake.message.contains("did you mean");
+        let meant = if is_misspelt { Vec::new() } else { keys().ending_in(name) };
         let meant = match meant.len() {
             1..=MOST_MEANT => format!(" (did you mean {}?)", meant.join(" or ")),
             _ => mistake.message,

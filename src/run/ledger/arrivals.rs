@@ -131,21 +131,22 @@ impl Arrivals {
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
     pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
-        let is_density = !result.case.is_measure_valued();
-        let [field, field_mean] =
-            if is_density { self.field_error(world, result) } else { [None; 2] };
+        let [field, field_mean] = match keeps_values(result.case) {
+            true => self.field_error(world, result),
+            false => [None; 2],
+        };
         let DensityErrors { least, most } = self.density_errors(world, result, result.density);
         ParticleErrors { field, field_mean, density: least, density_most: most }
     }
 
     /// About the relative L2 error of the values of some arrivals where `V` is approximated: what
     /// they change by on half as many cells, in errors on all of them. `None` if there is no such
-    /// error, or the data are measure-valued.
+    /// error, or values do not keep along paths.
     ///
     /// # Errors
     /// If `V` is not finite.
     pub fn tracing_error(&self, case: &Case) -> Result<Option<f64>> {
-        let Some(halved) = self.halved.filter(|_| !case.is_measure_valued()) else {
+        let Some(halved) = self.halved.filter(|_| keeps_values(case)) else {
             return Ok(None);
         };
         let coarser = Tracer::with_cells(case, halved.most)?;
@@ -290,6 +291,12 @@ impl GatheredArrivals {
             most: finite((square_of_most / square).sqrt()),
         }
     }
+}
+
+/// Whether `f` keeps its value along the path of a particle: not for measure-valued data, nor at a
+/// jump of partial reflection.
+fn keeps_values(case: &Case) -> bool {
+    !case.is_measure_valued() && !case.reflects()
 }
 
 /// Relative errors by the squares of errors and of sizes of each replicate: less the scatter, and

@@ -1,12 +1,15 @@
 //! Particles followed through the exact flow: their outflow through each end of the box, and the
 //! mass that the `hat` interface adds at jumps.
 
+use crate::base::random::uniform;
 use crate::problem::case::{Case, Interface};
 use crate::problem::exact::{Crossing, Tracer};
 use crate::problem::grid::{Axis, MAX_DIMENSION};
 use crate::run::ledger::arrivals::Arrivals;
 use crate::run::ledger::draw::Particle;
 use crate::scheme::interface::{Side, law_of, sources, velocity};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
 use std::collections::HashMap;
 
 /// Sums over particles.
@@ -66,11 +69,14 @@ impl ParticleTally {
     }
 }
 
-/// Follows particles through the exact flow.
+/// Follows particles through the exact flow. At a jump of partial reflection a particle turns back
+/// by chance, with the reflected part as the probability.
 pub struct ParticleTracker<'a> {
+    case: &'a Case,
     /// The exact flow, forward in time.
     tracer: &'a Tracer<'a>,
     gains: Option<InterfaceGains<'a>>,
+    random: ChaCha8Rng,
     /// The particles that were followed and are in the box at the end.
     pub arrivals: Arrivals,
 }
@@ -80,7 +86,15 @@ impl<'a> ParticleTracker<'a> {
     pub fn new(case: &'a Case, tracer: &'a Tracer<'a>) -> Self {
         let changes = law_of(case.interface).may_grow() && !case.is_galerkin();
         let gains = changes.then(|| InterfaceGains { case, known: HashMap::new() });
-        Self { tracer, gains, arrivals: Arrivals::default() }
+        let random = ChaCha8Rng::seed_from_u64(0);
+        Self { case, tracer, gains, random, arrivals: Arrivals::default() }
+    }
+
+    /// Begins a replicate with this `seed`. Its reflections depend neither on other replicates nor
+    /// on the points of its own.
+    pub fn begin(&mut self, seed: u64) {
+        self.random = ChaCha8Rng::seed_from_u64(seed);
+        self.random.set_stream(1);
     }
 
     /// Follows a particle of a `replicate` with the fraction `share` of its mass.
@@ -94,11 +108,11 @@ impl<'a> ParticleTracker<'a> {
         let mass = share * particle.mass;
         // What all jumps so far add to the particle's mass, and the same without the last.
         let (mut added, mut before) = (0.0, 0.0);
-        let gains = &mut self.gains;
+        let Self { case, gains, random, .. } = self;
         let found = self.tracer.follow_with(&particle.point, particle.time, &mut |met| {
             before = added;
             added += gains.as_mut().map_or(0.0, |gains| gains.factor(met) - 1.0);
-            false
+            is_reflected(case, met, random)
         });
         if let Some(exit) = found.exit {
             let end = exit.end.number();
@@ -115,6 +129,12 @@ impl<'a> ParticleTracker<'a> {
         }
         tally.interface += mass * added;
     }
+}
+
+/// Whether a particle that could be transmitted turns back at the jump that it has `met`.
+pub fn is_reflected(case: &Case, met: &Crossing, random: &mut ChaCha8Rng) -> bool {
+    let region = met.higher.map(|region| &case.potential[region]);
+    region.is_some_and(|region| uniform(random) < region.reflected(met.energy, met.rise.abs()))
 }
 
 /// The mass that the law `hat` creates or destroys at jumps, where a cell's column of the scheme

@@ -178,8 +178,8 @@ pub fn allows_elements(case: &Case) -> bool {
     })
 }
 
-/// The next larger number of elements on the box of `axis` with a face at `v = 0`; `None` if that is
-/// more than [`MOST_MORE`] times as many.
+/// The next larger number of elements on the box of `axis` with a face at `v = 0`; `None` if it is
+/// larger by more than a factor [`MOST_MORE`].
 fn more_cells_with_a_face_at_rest(axis: &Axis) -> Option<usize> {
     let rest = -axis.lower / (axis.upper - axis.lower);
     let is_face = |count: &usize| {
@@ -196,8 +196,8 @@ const MOST_MORE: usize = 2;
 /// directions. `V` jumps by at most `height` along the axis, at `place`.
 ///
 /// # Errors
-/// [`Error::Input`], naming the jump, the nearest box with a face at 0, and the number of cells that
-/// have one there.
+/// [`Error::Input`], naming the jump, the nearest box with a face at 0, and the number of cells
+/// that have one there.
 pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<()> {
     /// About the last digit of values of `V` that were written with ten.
     const FEW_DIGITS: f64 = 1e-9;
@@ -226,8 +226,9 @@ pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<(
     };
     Err(Error::Input(format!(
         "{name}: v = 0 must be a face of the cells, as V jumps by {} at {place} and faces are \
-         matched by energy. With {elements} cells on [{}, {}] it is inside of a cell. {hint}{more}An \
-         even number of cells on a box that is symmetric about 0 has it on a face, too{doubt}",
+         matched by energy. With {elements} cells on [{}, {}] it is inside of a cell. \
+         {hint}{more}An even number of cells on a box that is symmetric about 0 has it on a face, \
+         too{doubt}",
         short(height),
         whole.lower,
         whole.upper

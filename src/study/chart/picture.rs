@@ -10,11 +10,10 @@ use crate::problem::element::LARGEST_DEGREE;
 use crate::results::draw::extent::smallest_and_largest;
 use crate::results::figure::palette::{Marker, Style};
 use crate::results::figure::{Figure, Panel, PlotAxis};
-use crate::study::chart::distinct;
 use crate::study::chart::entry::{ChartEntry, PointOf};
 use crate::study::chart::programme::{CLASSICAL, TOLERANCES};
 use crate::study::chart::result::Chart;
-use crate::study::choices::{EXACT_PROPAGATORS, IMPLICIT_PROPAGATORS};
+use crate::study::choices::{EXACT_PROPAGATORS, IMPLICIT_PROPAGATORS, distinct};
 use crate::study::treatment::Treatment;
 
 const SEMIDISCRETE: &str = "error to the semi-discrete solution";

@@ -5,9 +5,8 @@
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{Case, Integrator, Limiter, PropagatorMethod};
 use crate::problem::grid::PhaseSpace;
-use crate::study::chart::distinct;
 use crate::study::chart::setup::{Modes, Setup};
-use crate::study::choices::{EXACT_PROPAGATORS, Flux, IMPLICIT_PROPAGATORS, PROFILES};
+use crate::study::choices::{EXACT_PROPAGATORS, Flux, IMPLICIT_PROPAGATORS, PROFILES, distinct};
 use crate::study::grids::{AxisGroup, Grids};
 use crate::study::treatment::Treatment;
 

@@ -1,8 +1,8 @@
 //! The result of a chart: its entries, and the Pareto fronts among them.
 
 use crate::problem::case::Method;
-use crate::study::chart::distinct;
 use crate::study::chart::entry::{ChartEntry, PointOf};
+use crate::study::choices::distinct;
 use serde::Serialize;
 
 /// All trials of a case.

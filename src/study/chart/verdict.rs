@@ -3,9 +3,9 @@
 use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, counted, sentence, time_text};
 use crate::problem::case::Method;
 use crate::results::draw::extent::smallest_and_largest;
-use crate::study::chart::distinct;
 use crate::study::chart::entry::{ChartEntry, PointOf, Status};
 use crate::study::chart::result::Chart;
+use crate::study::choices::distinct;
 
 /// Accuracies of the sentences on the error to the exact solution, loose to tight.
 const EXACT: [f64; 10] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8];
