@@ -22,7 +22,7 @@ fn no_digits(ratio: f64, growth: f64) -> String {
         return format!(
             "the norm falls by a factor {ratio:.3e} from state to field, which leaves no digits \
              in double precision: nearly all of f has left the box by time.end; choose an earlier \
-             one, or a larger box"
+             one, a larger box, or, with inflow, no solver.warp.delta"
         );
     }
     format!(

@@ -48,6 +48,8 @@ const NEGLIGIBLE: f64 = 1e-9;
 /// Distance beyond the velocity box up to which data are evaluated, in widths of the box.
 const BEYOND: f64 = 0.5;
 
+/// Largest number of values of an inflow that depends on time.
+const MOST_VALUES: usize = 1 << 25;
 /// Least number of parts of the time, of [`NODES`] nodes each, over which a time-dependent inflow
 /// is integrated: a short pulse that the panels of the propagation overlook is noticed.
 const INFLOW_PARTS: f64 = 256.0;
@@ -89,10 +91,15 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
         let arrivals = estimate(world, case, &tracer, ledger);
-        if tracer.is_accurate {
+        // Along random paths the error of tracing is not known.
+        if tracer.is_accurate && !(case.reflects() && tracer.is_approximate) {
             found.arrivals = arrivals;
             found.arrivals.halved = tracer.halved();
         }
+    }
+    if case.is_measure_valued() {
+        let why = "mass that entered: with measure-valued data it is not linear in the fields";
+        found.ledger.omitted.push(why.into());
     }
     Ok(found)
 }
@@ -380,13 +387,12 @@ fn box_around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     SampleBox { lower: (0..axes).map(lower).collect(), upper: (0..axes).map(upper).collect() }
 }
 
-/// The mass that enters the grid until the end, by the rows of the scheme. Without it, the reason
-/// is added to `ledger`. Collective.
+/// The mass that enters the grid until the end, by the rows of the scheme; `None` for
+/// measure-valued data. If it takes too many values of the inflow, that is added to what `ledger`
+/// leaves out. Collective.
 pub fn entered_mass(prepared: &Prepared, ledger: &mut Ledger) -> Option<f64> {
     let (case, system) = (&prepared.case, &prepared.system);
     if case.is_measure_valued() {
-        let why = "mass that entered: with measure-valued data it is not linear in the fields";
-        ledger.omitted.push(why.into());
         return None;
     }
     if !case.enters() {
@@ -403,7 +409,20 @@ pub fn entered_mass(prepared: &Prepared, ledger: &mut Ledger) -> Option<f64> {
         let values = matrix.inflow.iter().map(|row| case.duration() * row.values[0]);
         return Some(mass(&values.collect::<Vec<f64>>()));
     }
-    let panels = InflowPanels::new(case, case.duration() / INFLOW_PARTS);
+    let rows = space.sum_count(matrix.inflow.len());
+    let values = |panels: &InflowPanels| panels.each().count() * NODES * rows;
+    let mut panels = InflowPanels::new(case, case.duration() / INFLOW_PARTS);
+    if values(&panels) > MOST_VALUES {
+        panels = InflowPanels::new(case, f64::INFINITY);
+    }
+    if values(&panels) > MOST_VALUES {
+        ledger.omitted.push(format!(
+            "mass that entered: it takes {} values of the inflow; at most {MOST_VALUES} are \
+             evaluated",
+            values(&panels)
+        ));
+        return None;
+    }
     if let Some(time) = panels.unresolved_from {
         let time = case.start_time + time;
         ledger.omitted.push(format!(

@@ -168,7 +168,10 @@ impl<'a> Driver<'a> {
             Some(_) => ledger::before_run(&self.world.group(), &reduced.result_grid.case)?,
             None => LedgerBeforeRun::default(),
         };
-        let entered = ledger::entered_mass(&planned.prepared, &mut ledger);
+        let entered = match self.output {
+            Some(_) => ledger::entered_mass(&planned.prepared, &mut ledger),
+            None => None,
+        };
         self.log.watch.lap("observables");
         let early = at_start.filter(|_| planned.prepared.case.output_at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered, arrivals })

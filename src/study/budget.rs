@@ -134,8 +134,9 @@ impl Budget {
 
     /// Rank 0's numbers on all ranks. Shows progress. Collective.
     pub fn from_rank_zero<const N: usize>(&self, mut numbers: [f64; N]) -> [f64; N] {
-        let passed = self.elapsed().min(self.limit);
-        self.progress.borrow_mut().advance_to(milliseconds(passed));
+        if self.elapsed() < self.limit {
+            self.progress.borrow_mut().advance_to(milliseconds(self.elapsed()));
+        }
         if !self.all.is_first() {
             numbers = [f64::NEG_INFINITY; N];
         }

@@ -112,7 +112,7 @@ fn a_degree_that_would_be_refused_is_not_a_remedy() {
         let finished = check("example1.toml").set(&[slab, &velocities]).succeed()?;
         finished.contains(&finished.output, &[remedy])?;
         let elements = check("example1.toml").set(&[slab, &velocities, "scheme.degree=2"]).run()?;
-        let more = format!("{} cells on the same box have, too.", cells + 1);
+        let more = format!("{} cells on the same box have it there.", cells + 1);
         let words: &[&str] = if *refused { &["v = 0 must be a face", &more] } else { &[] };
         elements.ended(if *refused { 2 } else { 0 }, words)
     });

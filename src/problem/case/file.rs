@@ -148,7 +148,7 @@ impl<'t> CaseFile<'t> {
         let is_misspelt = mistake.message.contains("did you mean");
         let meant = if is_misspelt { Vec::new() } else { keys().ending_in(name) };
         let meant = match meant.len() {
-            1..=MOST_MEANT => format!(" (did you mean {}?)", meant.join(" or ")),
+            1..=MOST_MEANT => format!(" (did you mean {}?){}", meant.join(" or "), mistake.message),
             _ => mistake.message,
         };
         let message = format!("unknown key {key}{meant}");

@@ -84,10 +84,13 @@ pub struct Crossing {
     pub rise: f64,
     /// The normal velocity before.
     pub velocity: f64,
+    /// The height of the jump at the place of the particle.
+    pub height: f64,
     /// The normal kinetic energy on the side of the higher `V`; not positive where the particle
     /// cannot be transmitted.
     pub energy: f64,
-    /// The region on that side; `None` if no region reflects in part.
+    /// The region on that side; `None` if no region reflects in part, or if another side is the
+    /// higher one at the centre of the face.
     pub higher: Option<usize>,
 }
 
@@ -384,16 +387,21 @@ impl Flow {
         let rise = self.rise(particle, a, upper, there);
         let reach_before = self.reach(particle, a, outward);
         let square = particle.w[a] * particle.w[a] + 2.0 * rise;
-        let mut crosses = rise == 0.0 || square > 0.0;
+        let (mut crosses, mut by_chance) = (rise == 0.0 || square > 0.0, false);
         if rise != 0.0 {
+            let at_centre = self.rise_at_centre(&particle.cell, a, upper);
+            let kind = self.potential.linear.jump_kind(&particle.cell, a, upper);
             let met = Crossing {
                 axis: a,
-                rise: self.rise_at_centre(&particle.cell, a, upper),
+                rise: at_centre,
                 velocity: self.direction * particle.w[a],
+                height: rise.abs(),
                 energy: 0.5 * square.min(particle.w[a] * particle.w[a]),
-                higher: self.potential.linear.jump_kind(&particle.cell, a, upper).higher,
+                higher: kind.higher.filter(|_| rise * at_centre > 0.0),
             };
-            crosses &= !turns_back(&met);
+            let turns_back = turns_back(&met);
+            by_chance = crosses && turns_back;
+            crosses &= !by_chance;
             let face = 2 * (i + usize::from(upper)) + usize::from(crosses);
             let history = &mut particle.path.history;
             *history = append(*history, (MAX_DIMENSION * face + a) as u64);
@@ -414,7 +422,9 @@ impl Flow {
             particle.w[a] = -particle.w[a];
             reach_before
         };
-        particle.rests[a] = reach_before.max(reach_after) < REST * self.space.x[a].width();
+        // One that was reflected by chance may be transmitted when it comes back.
+        let is_slow = reach_before.max(reach_after) < REST * self.space.x[a].width();
+        particle.rests[a] = is_slow && !by_chance;
         let stays = self.speed_is_inside(particle, a);
         (!stays).then(|| self.velocity_end(particle, a, true))
     }

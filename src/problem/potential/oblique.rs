@@ -24,6 +24,7 @@ const LEAST_JUMP: f64 = 1e-3;
 pub struct ObliqueEdge {
     /// The region; of the two at the edge, the first in the case file.
     pub region: usize,
+    /// A point of the edge, `[x, y, z, 0, 0, 0]`.
     pub point: [f64; 6],
 }
 

@@ -20,9 +20,11 @@ const LEAST_PART_OF_ENERGY: f64 = 1e-3;
 /// The point of a region at which the scheme's approximation of `V` is farthest from the formula.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PotentialMismatch {
+    /// The region.
     pub region: usize,
     /// The axis along which it was found.
     pub axis: usize,
+    /// The point of the largest difference, `[x, y, z, 0, 0, 0]`.
     pub point: [f64; 6],
     /// `V` by the formula.
     pub written: f64,

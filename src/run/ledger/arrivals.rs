@@ -94,6 +94,7 @@ pub struct ComparedResult<'a> {
     pub share: &'a [Range<usize>],
     /// The first field, velocities fastest.
     pub field: &'a [f64],
+    /// The density of that field in each of these space cells.
     pub density: &'a [f64],
 }
 
@@ -300,14 +301,17 @@ fn keeps_values(case: &Case) -> bool {
 }
 
 /// Relative errors by the squares of errors and of sizes of each replicate: less the scatter, and
-/// the mean if its scatter is small.
+/// the mean if its scatter is small. None where the size is not known.
 pub fn beyond_scatter(errors: &[f64], sizes: &[f64]) -> [Option<f64>; 2] {
-    let ([error, scatter], [size, _]) = (mean(errors), mean(sizes));
-    let shown = (error - STANDARD_ERRORS * scatter).max(0.0);
-    let relative =
-        |square: f64| Some((square / size).sqrt().min(1.0)).filter(|error| error.is_finite());
+    let ([error, scatter], [size, of_size]) = (mean(errors), mean(sizes));
+    let is_known = error.is_finite() && size > 0.0 && of_size <= MOST_SCATTER * size;
+    if !is_known {
+        return [None; 2];
+    }
+    let relative = |square: f64| (square.max(0.0) / size).sqrt().min(1.0);
     let is_sharp = scatter <= MOST_SCATTER * error;
-    [relative(shown), relative(error).filter(|_| is_sharp)]
+    let shown = relative(error - STANDARD_ERRORS * scatter);
+    [Some(shown), is_sharp.then(|| relative(error))]
 }
 
 /// A mean over the replicates, and its standard error.
@@ -398,6 +402,26 @@ fn products(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Without a known size there is no relative error, and least of all one of 100 %.
+    #[test]
+    fn errors_of_unknown_size_are_unknown() {
+        let errors = [1.0; REPLICATES];
+        let some = |size: f64| beyond_scatter(&errors, &[size; REPLICATES]);
+        assert_eq!(some(4.0), [Some(0.5), Some(0.5)]);
+        assert_eq!(some(0.0), [None, None]);
+        assert_eq!(some(-1.0), [None, None]);
+        assert_eq!(some(f64::NAN), [None, None]);
+        assert_eq!(beyond_scatter(&[0.0; REPLICATES], &[0.0; REPLICATES]), [None, None]);
+        let scattered =
+            std::array::from_fn::<f64, REPLICATES, _>(|k| if k == 0 { 1.0 } else { 0.0 });
+        assert_eq!(beyond_scatter(&errors, &scattered), [None, None]);
+        let [least, mean] = beyond_scatter(&scattered, &[1.0; REPLICATES]);
+        assert_eq!((least, mean), (Some(0.0), None));
+        let wrong =
+            std::array::from_fn::<f64, REPLICATES, _>(|k| if k == 0 { f64::NAN } else { 1.0 });
+        assert_eq!(beyond_scatter(&wrong, &errors), [None, None]);
+    }
     use crate::problem::element::Nodes;
 
     fn value(space: &PhaseSpace, k: usize, x: f64, f: impl Fn(f64) -> f64) -> f64 {

@@ -131,6 +131,7 @@ impl SampleSequence {
 
 /// Draws the particles of a case.
 pub struct ParticleSampler<'a> {
+    /// The case from whose formulas they are drawn.
     pub case: &'a Case,
     within: SampleBox,
     flow: &'a Tracer<'a>,

@@ -15,6 +15,7 @@ use std::collections::HashMap;
 /// Sums over particles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ParticleTally {
+    /// Mass inside of the velocity box at the start.
     pub mass: f64,
     /// Sum of `|mass|`.
     pub absolute: f64,
@@ -32,6 +33,8 @@ pub struct ParticleTally {
     pub at_jumps: [f64; ENDS],
 }
 
+/// The stream of the random numbers by which particles are reflected.
+pub const STREAM: u64 = 1;
 /// The largest number of ends of the `2n` axes.
 const ENDS: usize = 4 * MAX_DIMENSION;
 /// Number of numbers that make up a tally.
@@ -94,7 +97,7 @@ impl<'a> ParticleTracker<'a> {
     /// on the points of its own.
     pub fn begin(&mut self, seed: u64) {
         self.random = ChaCha8Rng::seed_from_u64(seed);
-        self.random.set_stream(1);
+        self.random.set_stream(STREAM);
     }
 
     /// Follows a particle of a `replicate` with the fraction `share` of its mass.
@@ -134,7 +137,7 @@ impl<'a> ParticleTracker<'a> {
 /// Whether a particle that could be transmitted turns back at the jump that it has `met`.
 pub fn is_reflected(case: &Case, met: &Crossing, random: &mut ChaCha8Rng) -> bool {
     let region = met.higher.map(|region| &case.potential[region]);
-    region.is_some_and(|region| uniform(random) < region.reflected(met.energy, met.rise.abs()))
+    region.is_some_and(|region| uniform(random) < region.reflected(met.energy, met.height))
 }
 
 /// The mass that the law `hat` creates or destroys at jumps, where a cell's column of the scheme

@@ -217,7 +217,7 @@ pub fn check_axis(axis: &Axis, name: &str, height: f64, place: &str) -> Result<(
     };
     let more = more_cells_with_a_face_at_rest(&whole);
     let more =
-        more.map_or(String::new(), |more| format!("{more} cells on the same box have, too. "));
+        more.map_or(String::new(), |more| format!("{more} cells on the same box have it there. "));
     let fastest = whole.largest_magnitude();
     let doubt = if height < FEW_DIGITS * 0.5 * fastest * fastest {
         ". If V should not jump there, give it the same digits on both sides"

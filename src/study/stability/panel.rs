@@ -30,6 +30,7 @@ pub fn nothing_tried() -> Error {
 pub struct PanelContents {
     /// Elements along each axis of the grid that it was measured on.
     pub shape: Vec<usize>,
+    /// What was measured, and the theory beside it.
     pub curves: Vec<Curve>,
     /// The borders.
     pub borders: Vec<Border>,
