@@ -402,6 +402,7 @@ fn products(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::problem::element::Nodes;
 
     /// Without a known size there is no relative error, and least of all one of 100 %.
     #[test]
@@ -422,7 +423,6 @@ mod tests {
             std::array::from_fn::<f64, REPLICATES, _>(|k| if k == 0 { f64::NAN } else { 1.0 });
         assert_eq!(beyond_scatter(&wrong, &errors), [None, None]);
     }
-    use crate::problem::element::Nodes;
 
     fn value(space: &PhaseSpace, k: usize, x: f64, f: impl Fn(f64) -> f64) -> f64 {
         let axis = space.axis(k);
