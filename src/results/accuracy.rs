@@ -213,13 +213,14 @@ impl Accuracy {
         Self { under_resolved, ..found }
     }
 
-    /// Counts the error of the density, if it is estimated, as no less than the square of a large
+    /// Counts the error of the density, if it is estimated, as no less than a `power` of a large
     /// error of `f` that particles show. Where `f` was smeared out, the solution itself shows
     /// neither. It is no larger than particles leave room for.
-    pub fn count_smeared_density(&mut self) {
+    pub fn count_smeared_density(&mut self, power: i32) {
         let shown = self.particles.field_mean.filter(|error| is_large(*error));
         let most = self.particles.room_beside(0.0);
-        let least = shown.map(|error| (error * error).min(most)).filter(|_| !self.grid_measured);
+        let least = shown.map(|error| error.powi(power).min(most));
+        let least = least.filter(|_| !self.grid_measured);
         if let (Some(least), Some(density)) = (least, self.grid_density)
             && least > density
         {

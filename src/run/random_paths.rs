@@ -3,11 +3,11 @@
 //! Behind such a jump `f` is a mixture, so that a point has no single characteristic. `f(T, z)` is
 //! the mean of the data at the ends of random paths back from `z`: each turns back at a jump with
 //! the reflected part as its probability. At nodes `z_k` of the grid, with volumes `w_k` and the
-//! ends `a_k` and `b_k` of two independent paths,
+//! data `a` and `b` at the ends of any two of [`PATHS`] independent paths,
 //!
 //! ```text
-//! Σ w_k (f_h(z_k) − a_k)(f_h(z_k) − b_k)   has the mean Σ w_k (f_h(z_k) − f(T, z_k))²
-//! Σ w_k a_k b_k                            has the mean Σ w_k f(T, z_k)²
+//! Σ w_k (f_h(z_k) − a)(f_h(z_k) − b)   has the mean Σ w_k (f_h(z_k) − f(T, z_k))²
+//! Σ w_k a b                            has the mean Σ w_k f(T, z_k)²
 //! ```
 //!
 //! The numbers of a sample depend on its own number alone, and the sums are exact: the bits do not
@@ -28,9 +28,11 @@ use crate::run::ledger::tracking::is_reflected;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-/// Least and largest number of samples, each of two paths.
-const LEAST_SAMPLES: usize = 1 << 10;
-const MOST_SAMPLES: usize = 1 << 14;
+/// Paths from a node. Their own scatter falls faster with them than with the number of nodes.
+const PATHS: usize = 8;
+/// Least and largest number of samples, each of a node and its paths.
+const LEAST_SAMPLES: usize = 1 << 9;
+const MOST_SAMPLES: usize = 1 << 13;
 /// Largest sum over all paths of the bound on the faces that each meets. They meet a sixteenth of
 /// it or fewer.
 const MOST_FACES: usize = 1 << 32;
@@ -50,7 +52,7 @@ pub fn errors(world: &Group, result: &ComparedResult<'_>) -> Result<ParticleErro
         return Ok(ParticleErrors::default());
     }
     let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
-    let samples = MOST_SAMPLES.min(MOST_FACES / (2 * tracer.most_faces(case.end)));
+    let samples = MOST_SAMPLES.min(MOST_FACES / (PATHS * tracer.most_faces(case.end)));
     if tracer.is_approximate || samples < LEAST_SAMPLES {
         return Ok(ParticleErrors::default());
     }
@@ -79,14 +81,35 @@ fn sample(
     let at = place * velocities + velocity;
     let mut random = ChaCha8Rng::seed_from_u64(k as u64);
     random.set_stream(STREAM);
-    let mut end = || {
-        let point = space.point(&cell);
+    let point = space.point_in_element(&cell);
+    let ends: [f64; PATHS] = std::array::from_fn(|_| {
         tracer.value_by(&point, case.end, &mut |met| is_reflected(case, met, &mut random))
-    };
-    let [a, b] = [end(), end()];
-    let (found, weight) = (result.field[at], volumes.relative(at));
+    });
+    let weight = volumes.relative(at);
     let mut terms = [0.0; 2 * REPLICATES];
-    terms[k % REPLICATES] = weight * (found - a) * (found - b);
-    terms[REPLICATES + k % REPLICATES] = weight * a * b;
+    terms[k % REPLICATES] = weight * mean_of_pairs(ends.map(|end| result.field[at] - end));
+    terms[REPLICATES + k % REPLICATES] = weight * mean_of_pairs(ends);
     Some(terms)
+}
+
+/// The mean of the products of any two of the `values`.
+fn mean_of_pairs(values: [f64; PATHS]) -> f64 {
+    let sum: f64 = values.iter().sum();
+    let squares: f64 = values.iter().map(|x| x * x).sum();
+    (sum * sum - squares) / (PATHS * (PATHS - 1)) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_are_of_different_values() {
+        let values: [f64; PATHS] = std::array::from_fn(|k| (k * k) as f64 - 7.0);
+        let pairs =
+            (0..PATHS).flat_map(|i| (0..PATHS).filter(move |j| *j != i).map(move |j| [i, j]));
+        let products: Vec<f64> = pairs.map(|[i, j]| values[i] * values[j]).collect();
+        let mean = products.iter().sum::<f64>() / products.len() as f64;
+        assert!((mean_of_pairs(values) - mean).abs() < 1e-12 * mean.abs());
+    }
 }

@@ -271,7 +271,8 @@ impl<'a> Driver<'a> {
         let traced = arrivals.tracing_error(case).unwrap_or(None);
         let particles = arrivals.errors(world, result).beyond_tracing(traced.unwrap_or(0.0));
         self.summary.accuracy.particles = ParticleErrors {
-            field: particles.field.or(by_paths.field),
+            // In L1 the error of `f` is no smaller than that of the density.
+            field: particles.field.or(by_paths.field).or(particles.density),
             field_mean: particles.field_mean.or(by_paths.field_mean),
             ..particles
         };

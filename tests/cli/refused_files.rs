@@ -16,6 +16,11 @@ const UNKNOWN_KEYS: &[Row] = &[
     ("title     =", "tittle    =", &["tittle", "mean \"title\""]),
     ("end = 1.0", "end = 1.0\nbegin = 0", &["time.begin", "known here: start, end"]),
     ("end = 1.0", "end = 1.0\ndegree = 2", &["time.degree", "or scheme.degree?)"]),
+    (
+        "end = 1.0",
+        "end = 1.0\nboundary = 2",
+        &["time.boundary", "(did you mean axis.N.x.boundary?)"],
+    ),
 ];
 
 /// Wrong types.
@@ -284,6 +289,7 @@ const INVALID: &[Row] = &[
     ("interface = \"hat\"", "interface = hat", &["texts are in quotes"]),
     ("end = 1.0", "end = 2*pi", &["formulas and other texts are in quotes"]),
     ("end = 1.0", "end = -pi", &["formulas and other texts are in quotes"]),
+    ("end = 1.0", "end = 2pi", &["formulas and other texts are in quotes"]),
     ("recovery_points = 2", "recovery_points = 2\n[time]", &["time"]),
 ];
 

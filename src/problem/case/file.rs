@@ -46,6 +46,8 @@ struct FoundKey<'f> {
     key: Option<Range<usize>>,
 }
 
+/// A key that is there only to be refused with the reason.
+const REFUSED_KEY: &str = "axis.N.v.boundary";
 /// The largest number of keys elsewhere that a message names instead of an unknown one.
 const MOST_MEANT: usize = 3;
 
@@ -79,8 +81,12 @@ fn hint(text: &str, place: usize) -> &'static str {
 fn is_formula(value: &str) -> bool {
     let begins = value.trim_start_matches(['-', '+', '(']);
     let operator = |c: char| "*/^(".contains(c);
+    // As `2pi`; the `e` of `1e5x` belongs to a number.
+    let is_product = value.contains(|c: char| c.is_alphabetic() && !"eE".contains(c));
     !value.starts_with(['"', '\'', '[', '{'])
-        && (begins.starts_with(|c: char| c.is_alphabetic()) || value.contains(operator))
+        && (begins.starts_with(|c: char| c.is_alphabetic())
+            || value.contains(operator)
+            || is_product)
 }
 
 impl<'t> CaseFile<'t> {
@@ -145,10 +151,10 @@ impl<'t> CaseFile<'t> {
             return self.error(&key, &mistake.message);
         }
         let name = key.rsplit('.').next().unwrap_or_default();
-        let is_misspelt = mistake.message.contains("did you mean");
-        let meant = if is_misspelt { Vec::new() } else { keys().ending_in(name) };
+        let mut meant = keys().ending_in(name);
+        meant.retain(|key| key != REFUSED_KEY);
         let meant = match meant.len() {
-            1..=MOST_MEANT => format!(" (did you mean {}?){}", meant.join(" or "), mistake.message),
+            1..=MOST_MEANT => format!(" (did you mean {}?)", meant.join(" or ")),
             _ => mistake.message,
         };
         let message = format!("unknown key {key}{meant}");
