@@ -2,13 +2,15 @@
 //!
 //! Behind such a jump `f` is a mixture, so that a point has no single characteristic. `f(T, z)` is
 //! the mean of the data at the ends of random paths back from `z`: each turns back at a jump with
-//! the reflected part as its probability. At nodes `z_k` of the grid, with volumes `w_k` and the
-//! data `a` and `b` at the ends of any two of [`PATHS`] independent paths,
+//! the reflected part as its probability. At points `z` that fill the box evenly, with the data `a`
+//! and `b` at the ends of any two of [`PATHS`] independent paths,
 //!
 //! ```text
-//! Σ w_k (f_h(z_k) − a)(f_h(z_k) − b)   has the mean Σ w_k (f_h(z_k) − f(T, z_k))²
-//! Σ w_k a b                            has the mean Σ w_k f(T, z_k)²
+//! (f_h(z) − a)(f_h(z) − b)   has the mean ∫ (f_h − f)² / volume
+//! a b                        has the mean ∫ f² / volume
 //! ```
+//!
+//! with `f_h` as in [`arrivals`](crate::run::ledger::arrivals).
 //!
 //! The numbers of a sample depend on its own number alone, and the sums are exact: the bits do not
 //! depend on the number of ranks.
@@ -16,26 +18,28 @@
 //! Uses: the tracer, the sums of the ledger's particles.
 
 use crate::base::error::Result;
-use crate::base::random::evenly_spread;
-use crate::base::row_major;
-use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
-use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
+use crate::problem::exact::{Crossing, MOST_EXAMINED, MostCells, Tracer};
+use crate::problem::grid::{PhaseSpace, coordinate};
 use crate::results::accuracy::ParticleErrors;
-use crate::run::ledger::arrivals::{ComparedResult, beyond_scatter};
-use crate::run::ledger::draw::REPLICATES;
+use crate::run::ledger::arrivals::{
+    ComparedResult, beyond_scatter, is_mixed, most_values, values_at,
+};
+use crate::run::ledger::draw::{REPLICATES, SampleBox, SampleSequence};
 use crate::run::ledger::tracking::is_reflected;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-/// Paths from a node. Their own scatter falls faster with them than with the number of nodes.
+/// Paths from a point. Their own scatter falls faster with them than with the number of points.
 const PATHS: usize = 8;
-/// Least and largest number of samples, each of a node and its paths.
+/// Least and largest number of samples, each of a point and its paths.
 const LEAST_SAMPLES: usize = 1 << 9;
 const MOST_SAMPLES: usize = 1 << 13;
 /// Largest sum over all paths of the bound on the faces that each meets. They meet a sixteenth of
 /// it or fewer.
 const MOST_FACES: usize = 1 << 32;
+/// The seed of the points of the first replicate; those of the ledger's particles are smaller.
+const FIRST_SEED: u64 = 1 << 32;
 /// The stream of the random numbers of a sample. The points of the ledger's particles are of stream
 /// 0, their reflections of [`tracking::STREAM`](crate::run::ledger::tracking::STREAM).
 const STREAM: u64 = 2;
@@ -47,49 +51,54 @@ const STREAM: u64 = 2;
 /// # Errors
 /// If `V` is not finite.
 pub fn errors(world: &Group, result: &ComparedResult<'_>) -> Result<ParticleErrors> {
-    let case = result.case;
-    if case.space.space_cells() > MOST_EXAMINED {
+    let (case, space) = (result.case, &result.case.space);
+    if space.space_cells() > MOST_EXAMINED {
         return Ok(ParticleErrors::default());
     }
     let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
-    let samples = MOST_SAMPLES.min(MOST_FACES / (PATHS * tracer.most_faces(case.end)));
-    if tracer.is_approximate || samples < LEAST_SAMPLES {
+    let most = MOST_FACES / (PATHS * tracer.most_faces(case.end));
+    let many = most.min(most_values(space)).min(MOST_SAMPLES) / REPLICATES;
+    if tracer.is_approximate || many * REPLICATES < LEAST_SAMPLES {
         return Ok(ParticleErrors::default());
     }
-    let volumes = CellVolumes::new(&case.space, result.share);
-    let terms = (0..samples).filter_map(|k| sample(&tracer, result, &volumes, k));
-    let terms: Vec<[f64; 2 * REPLICATES]> = terms.collect();
-    let sums = world.sum_lanes(samples, terms.iter().copied());
+    let points = points(space, many);
+    let found = values_at(world, result, &points);
+    let mine = (world.rank()..points.len()).step_by(world.size());
+    let term = |k: usize| {
+        let mut random = ChaCha8Rng::seed_from_u64(k as u64);
+        random.set_stream(STREAM);
+        let ends: [f64; PATHS] = std::array::from_fn(|_| {
+            let mut turns_back = |met: &Crossing| is_reflected(case, met, &mut random);
+            tracer.value_by(&points[k], case.end, &mut turns_back)
+        });
+        let mut term = [0.0; 2 * REPLICATES];
+        term[k / many] = mean_of_pairs(ends.map(|end| found[k] - end));
+        term[REPLICATES + k / many] = mean_of_pairs(ends);
+        term
+    };
+    let terms: Vec<[f64; 2 * REPLICATES]> = mine.map(term).collect();
+    let sums = world.sum_lanes(points.len(), terms.iter().copied());
     let (errors, sizes) = sums.split_at(REPLICATES);
-    let [field, field_mean] = beyond_scatter(errors, sizes);
+    let [field, mean] = beyond_scatter(errors, sizes);
+    let field_mean = mean.filter(|_| !is_mixed(space));
     Ok(ParticleErrors { field, field_mean, ..ParticleErrors::default() })
 }
 
-/// What sample `k` adds to the square of the error and to that of `f`, by replicate; `None` if its
-/// node is on another rank.
-fn sample(
-    tracer: &Tracer<'_>,
-    result: &ComparedResult<'_>,
-    volumes: &CellVolumes,
-    k: usize,
-) -> Option<[f64; 2 * REPLICATES]> {
-    let (case, space) = (result.case, &result.case.space);
-    let cell = space.cell((evenly_spread(k) * space.cells() as f64) as usize);
-    let (n, velocities) = (space.dimension(), space.velocity_cells());
-    let place = row_major::position(result.share, &cell[..n])?;
-    let velocity = row_major::position(&space.velocity_ranges(), &cell[n..2 * n])?;
-    let at = place * velocities + velocity;
-    let mut random = ChaCha8Rng::seed_from_u64(k as u64);
-    random.set_stream(STREAM);
-    let point = space.point_in_element(&cell);
-    let ends: [f64; PATHS] = std::array::from_fn(|_| {
-        tracer.value_by(&point, case.end, &mut |met| is_reflected(case, met, &mut random))
-    });
-    let weight = volumes.relative(at);
-    let mut terms = [0.0; 2 * REPLICATES];
-    terms[k % REPLICATES] = weight * mean_of_pairs(ends.map(|end| result.field[at] - end));
-    terms[REPLICATES + k % REPLICATES] = weight * mean_of_pairs(ends);
-    Some(terms)
+/// Points that fill the box evenly, so `many` of each replicate, one replicate after the other.
+fn points(space: &PhaseSpace, many: usize) -> Vec<[f64; 6]> {
+    let (n, whole) = (space.dimension(), SampleBox::whole(space, 0.0));
+    let in_box = |unit: [f64; 6]| {
+        let mut point = [0.0; 6];
+        for (a, (lower, upper)) in whole.lower.iter().zip(&whole.upper).enumerate() {
+            point[coordinate(n, a)] = lower + unit[a] * (upper - lower);
+        }
+        point
+    };
+    let of_replicate = |replicate: usize| {
+        let sequence = SampleSequence::new(2 * n, FIRST_SEED + replicate as u64);
+        (0..many).map(move |k| in_box(sequence.point(k)))
+    };
+    (0..REPLICATES).flat_map(of_replicate).collect()
 }
 
 /// The mean of the products of any two of the `values`.

@@ -270,9 +270,10 @@ impl<'a> Driver<'a> {
         // Where V is not finite on other cells, that error is not known.
         let traced = arrivals.tracing_error(case).unwrap_or(None);
         let particles = arrivals.errors(world, result).beyond_tracing(traced.unwrap_or(0.0));
+        let of_density = particles.density.filter(|_| case.reflects());
         self.summary.accuracy.particles = ParticleErrors {
             // In L1 the error of `f` is no smaller than that of the density.
-            field: particles.field.or(by_paths.field).or(particles.density),
+            field: particles.field.or(by_paths.field).or(of_density),
             field_mean: particles.field_mean.or(by_paths.field_mean),
             ..particles
         };

@@ -189,15 +189,15 @@ impl GatheredArrivals {
     fn field_error(&self, world: &Group, result: &ComparedResult<'_>) -> [Option<f64>; 2] {
         let all = &self.by_replicate;
         let space = &result.case.space;
-        let points: usize = space.axes().map(|axis| axis.nodes.count().max(2)).product();
-        let most = (MOST_PRODUCTS / (REPLICATES * points)).max(LEAST_PARTICLES);
+        let most = (most_values(space) / REPLICATES).max(LEAST_PARTICLES);
         let step = all.iter().map(Vec::len).max().unwrap_or(0).div_ceil(most);
         // Each replicate begins with another one, as arrivals are in the order of a curve.
         let some = |(replicate, of): (usize, &Vec<ArrivedParticle>)| {
             of.iter().skip(replicate * step / all.len()).step_by(step).copied().collect()
         };
         let chosen: Vec<Vec<ArrivedParticle>> = all.iter().enumerate().map(some).collect();
-        let mut values = values_at(world, result, &chosen.concat()).into_iter();
+        let points: Vec<[f64; 6]> = chosen.iter().flatten().map(|arrival| arrival.point).collect();
+        let mut values = values_at(world, result, &points).into_iter();
         let sums = chosen.iter().map(|of| {
             let terms = of.iter().zip(values.by_ref()).map(
                 |(ArrivedParticle { mass, value: exact, .. }, value)| {
@@ -208,10 +208,7 @@ impl GatheredArrivals {
         });
         let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|[error, size]| (error, size)).unzip();
         let [least, mean] = beyond_scatter(&errors, &sizes);
-        let degrees = space.axes().filter(|axis| axis.cells > 1).map(|axis| axis.nodes.degree);
-        let (of_cells, of_elements): (Vec<_>, Vec<_>) = degrees.partition(|degree| *degree == 0);
-        let is_mixed = !of_cells.is_empty() && !of_elements.is_empty();
-        [least, mean.filter(|_| !is_mixed)]
+        [least, mean.filter(|_| !is_mixed(space))]
     }
 
     /// The difference between a mass and that of all arrivals, beyond the scatter of the latter.
@@ -322,16 +319,29 @@ fn mean(values: &[f64]) -> [f64; 2] {
     [mean, (squares / (count * (count - 1.0))).sqrt()]
 }
 
-/// `f_h` at the points of `arrivals`, the same on all ranks. Collective.
-fn values_at(world: &Group, result: &ComparedResult<'_>, arrivals: &[ArrivedParticle]) -> Vec<f64> {
+/// Whether some axes have degree 0 and others do not.
+pub fn is_mixed(space: &PhaseSpace) -> bool {
+    let degrees = space.axes().filter(|axis| axis.cells > 1).map(|axis| axis.nodes.degree);
+    let (of_cells, of_elements): (Vec<_>, Vec<_>) = degrees.partition(|degree| *degree == 0);
+    !of_cells.is_empty() && !of_elements.is_empty()
+}
+
+/// About the largest number of points at which `f_h` is evaluated.
+pub fn most_values(space: &PhaseSpace) -> usize {
+    let products: usize = space.axes().map(|axis| axis.nodes.count().max(2)).product();
+    MOST_PRODUCTS / products
+}
+
+/// `f_h` at `points`, the same on all ranks. Collective.
+pub fn values_at(world: &Group, result: &ComparedResult<'_>, points: &[[f64; 6]]) -> Vec<f64> {
     let space = &result.case.space;
     let n = space.dimension();
     let velocities = space.velocity_cells();
     let corners = space.x.iter().filter(|axis| axis.nodes.degree == 0).count();
     // Each part of a value is known on one rank.
-    let mut parts = vec![0.0; arrivals.len() << corners];
-    for (arrival, parts) in arrivals.iter().zip(parts.chunks_mut(1 << corners)) {
-        let of_axis = |k: usize| interpolation(space, k, arrival.point[coordinate(n, k)]);
+    let mut parts = vec![0.0; points.len() << corners];
+    for (point, parts) in points.iter().zip(parts.chunks_mut(1 << corners)) {
+        let of_axis = |k: usize| interpolation(space, k, point[coordinate(n, k)]);
         let along: Vec<Vec<(usize, f64)>> = (0..2 * n).map(of_axis).collect();
         let of_velocity = products(&along[n..], |k| 0..space.v[k].cells);
         for (corner, part) in parts.iter_mut().enumerate() {
