@@ -34,7 +34,7 @@ use rand_chacha::rand_core::SeedableRng;
 const PATHS: usize = 8;
 /// Least and largest number of samples, each of a point and its paths.
 const LEAST_SAMPLES: usize = 1 << 9;
-const MOST_SAMPLES: usize = 1 << 13;
+const MOST_SAMPLES: usize = 1 << 15;
 /// Largest sum over all paths of the bound on the faces that each meets. They meet a sixteenth of
 /// it or fewer.
 const MOST_FACES: usize = 1 << 32;
