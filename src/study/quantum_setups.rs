@@ -12,7 +12,7 @@ use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::optimise::{UNITS, choices, deltas, scheme_of, unitary_of};
 use crate::quantum::planned_modes;
 use crate::quantum::probability::PlannedState;
-use crate::quantum::resources::settings::SetUpSettings;
+use crate::quantum::resources::settings::{PlannedSetUp, SetUpSettings};
 use crate::quantum::resources::{ResourceCounts, SetupComparison, UnitaryCosts, accesses};
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::solve::prepared::Prepared;
@@ -148,7 +148,14 @@ impl CountedChoice {
         prepared.case = choice.of(&prepared.case, &prepared.bounds);
         let state = planned_state(&prepared.case, &prepared.bounds, rough.ratio)?;
         let counts = ResourceCounts::new(&prepared, state, rough.norms, synthesis)?;
-        let settings = SetUpSettings::new(&prepared.case, &counts, PLANNED);
+        let planned = PlannedSetUp {
+            points: counts.points,
+            period: counts.period,
+            recovery: counts.probabilities.recovery,
+            share: PLANNED,
+            bin_bits: counts.by_access.rounding.as_ref().map(|rounding| rounding.bin_bits),
+        };
+        let settings = SetUpSettings::new(&prepared.case, &planned);
         Ok(Self { counts, settings })
     }
 }

@@ -7,7 +7,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
-use crate::problem::case::keys;
+use crate::problem::case::keys::{self, ValueKind};
 use crate::problem::case::reader::{KeyValue, Mistake, decimal, integer, joined_key, number_of};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
@@ -135,23 +135,24 @@ impl<'t> CaseFile<'t> {
     /// Deserializes the whole file.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T> {
         let root = KeyValue::new("", &self.root, &self.constants);
-        T::deserialize(root).map_err(|mistake| self.report(mistake))
+        T::deserialize(root).map_err(|mistake| self.report(mistake, &keys::of::<T>()))
     }
 
     /// Deserializes the value of `key`, if it is given.
     pub fn read_at<T: DeserializeOwned>(&self, key: &str) -> Result<Option<T>> {
         let value = self.find(key).value.map(|value| KeyValue::new(key, value, &self.constants));
-        value.map(T::deserialize).transpose().map_err(|mistake| self.report(mistake))
+        let value = value.map(T::deserialize).transpose();
+        value.map_err(|mistake| self.report(mistake, &keys::of::<T>()))
     }
 
-    /// The error of a mistake that serde found.
-    fn report(&self, mistake: Mistake) -> Error {
+    /// The error of a mistake that serde found where there may be the keys `known`.
+    fn report(&self, mistake: Mistake, known: &ValueKind) -> Error {
         let key = mistake.key.unwrap_or_default();
         if !mistake.unknown {
             return self.error(&key, &mistake.message);
         }
         let name = key.rsplit('.').next().unwrap_or_default();
-        let mut meant = keys().ending_in(name);
+        let mut meant = known.ending_in(name);
         meant.retain(|key| key != REFUSED_KEY);
         let meant = match meant.len() {
             1..=MOST_MEANT => format!(" (did you mean {}?)", meant.join(" or ")),

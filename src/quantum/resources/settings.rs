@@ -2,10 +2,24 @@
 
 use crate::base::text::choice_text;
 use crate::problem::case::{Case, Delta, Embedding, Shift};
-use crate::quantum::resources::ResourceCounts;
 use serde::Serialize;
 use serde_json::Value;
 use std::fmt;
+
+/// The plan of a set-up, without its case.
+#[derive(Clone, Copy, Debug)]
+pub struct PlannedSetUp {
+    /// `N_p`.
+    pub points: usize,
+    /// `P`.
+    pub period: f64,
+    /// `p◇`.
+    pub recovery: f64,
+    /// The part of the tolerance to which its profile is planned.
+    pub share: f64,
+    /// Bits of the bins of a circuit; `None` without a circuit.
+    pub bin_bits: Option<usize>,
+}
 
 /// Settings that make a set-up the case's own.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -17,15 +31,14 @@ pub struct SetUpSettings {
 }
 
 impl SetUpSettings {
-    /// The settings of the set-up of `case` with these `counts`, whose profile is planned to the
-    /// part `share` of the tolerance.
-    pub fn new(case: &Case, counts: &ResourceCounts, share: f64) -> Self {
-        let ResourceCounts { points, period, .. } = *counts;
+    /// The settings of the set-up of `case` with the plan `planned`.
+    pub fn new(case: &Case, planned: &PlannedSetUp) -> Self {
+        let PlannedSetUp { points, period, bin_bits, .. } = *planned;
         let mut set = Vec::new();
         if !case.is_galerkin() {
             set.push(format!("scheme.interface={}", choice_text(&case.interface)));
         }
-        set.push(format!("solver.warp={{{}}}", of_warp(case, counts, share).join(",")));
+        set.push(format!("solver.warp={{{}}}", of_warp(case, planned).join(",")));
         // A profile that is a series has an interval of its own.
         if points > 1 && !case.warp.profile.is_series() {
             // Only the length matters; both halves are exact.
@@ -33,7 +46,7 @@ impl SetUpSettings {
             set.push(format!("solver.warp.interval=[{},{half}]", -half));
             set.push(format!("solver.warp.points={points}"));
         }
-        Self { set, sub_bins: counts.by_access.rounding.as_ref().map(|rounding| rounding.bin_bits) }
+        Self { set, sub_bins: bin_bits }
     }
 }
 
@@ -51,10 +64,11 @@ impl fmt::Display for SetUpSettings {
 }
 
 /// The entries of the table `solver.warp`, but for interval and points.
-fn of_warp(case: &Case, counts: &ResourceCounts, share: f64) -> Vec<String> {
-    let (warp, recovery) = (&case.warp, counts.probabilities.recovery);
+fn of_warp(case: &Case, planned: &PlannedSetUp) -> Vec<String> {
+    let PlannedSetUp { points, recovery, share, .. } = *planned;
+    let warp = &case.warp;
     let mut entries = Vec::new();
-    if counts.points > 1 {
+    if points > 1 {
         let value = serde_json::to_value(&warp.profile).unwrap_or_default();
         for (key, value) in value.as_object().into_iter().flatten() {
             let key = if key == "kind" { "profile" } else { key };
@@ -87,5 +101,8 @@ fn of_warp(case: &Case, counts: &ResourceCounts, share: f64) -> Vec<String> {
 
 /// A value in a case file.
 fn literal(value: &Value) -> String {
-    value.as_str().map_or_else(|| value.to_string(), |text| format!("'{text}'"))
+    match value.as_str() {
+        Some(text) => format!("'{text}'"),
+        None => value.to_string(),
+    }
 }
