@@ -132,10 +132,8 @@ impl Arrivals {
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
     pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
-        let [field, field_mean] = match keeps_values(result.case) {
-            true => self.field_error(world, result),
-            false => [None; 2],
-        };
+        let is_kept = keeps_values(result.case);
+        let [field, field_mean] = if is_kept { self.field_error(world, result) } else { [None; 2] };
         let DensityErrors { least, most } = self.density_errors(world, result, result.density);
         ParticleErrors { field, field_mean, density: least, density_most: most }
     }
