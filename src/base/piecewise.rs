@@ -117,6 +117,7 @@ impl PolynomialPiece {
 /// A point where a function or its slope jumps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FunctionJump {
+    /// The point.
     pub at: f64,
     /// `|f^{(k)}(at+) − f^{(k)}(at−)|`.
     pub sizes: [f64; ORDERS],
@@ -190,6 +191,7 @@ impl Piecewise {
         Self { pieces, ..found }
     }
 
+    /// The value at `x`.
     pub fn value(&self, x: f64) -> f64 {
         let next = self.pieces.partition_point(|piece| piece.upper < x);
         (self.pieces.get(next)).filter(|p| p.lower <= x).map_or(0.0, |piece| piece.value(x))

@@ -39,8 +39,10 @@ const NO_TIME: &str = "\
 # Fill in the time and remove one #; plan --calibrate predicts it.
 ##SBATCH --time=01:00:00";
 
+/// The resources of a job.
 #[derive(Clone, Copy, Debug)]
 pub struct JobResources {
+    /// Number of ranks.
     pub ranks: usize,
     /// Planned bytes on the fullest rank.
     pub memory: u64,

@@ -215,10 +215,9 @@ impl Bounds {
     pub fn traced_bytes(&self, case: &Case) -> u64 {
         *self.traced.get_or_init(|| {
             let space = grid(case);
-            let is_begun = case.warped_start.is_some() || case.start_field.is_some();
             let most = match case.exact {
                 Some(Exact::Characteristics) => MostCells::EXACT,
-                _ if is_begun || space.space_cells() > MOST_EXAMINED => return 0,
+                _ if !case.starts_anew() || space.space_cells() > MOST_EXAMINED => return 0,
                 _ => MostCells::ESTIMATES,
             };
             traced_bytes(&Case { space, ..case.clone() }, most)

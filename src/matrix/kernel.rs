@@ -257,7 +257,9 @@ fn step_lines<V: Vector, const ROWS: usize, const WHOLE: bool, R: StartRow>(
 
 /// The step of some lines.
 pub struct LineStep<'a, R> {
+    /// The rows.
     pub matrix: &'a Rows,
+    /// The lines.
     pub lines: Range<usize>,
     /// Constants of the lanes.
     pub constants: &'a StepConstants,

@@ -29,6 +29,7 @@ const BATCH: usize = 1024;
 /// The cells of a block that a rank samples: whole elements.
 #[derive(Clone)]
 pub struct SampledCells<'a> {
+    /// The block.
     pub block: &'a Block,
     /// Numbers of the sampled cells in the block.
     pub cells: Range<usize>,

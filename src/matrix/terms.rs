@@ -11,9 +11,11 @@ use std::ops::Range;
 
 /// The readings of a term on some rows: whole points of space, then perhaps auxiliary unknowns.
 pub struct TermRows<'a> {
+    /// The term.
     pub term: &'a [Lanes],
     /// Factor of the term in the sum.
     pub coefficient: &'a [f64; LANES],
+    /// The sum.
     pub sum: &'a mut [Lanes],
     /// `1/√π` of the cells among these rows.
     pub scales: &'a [f64],

@@ -67,6 +67,7 @@ pub fn rank_modes_bytes(rows: u64, modes: u64) -> u64 {
 /// A case, and the part of its plan that is the same for any ranks.
 #[derive(Clone, Copy, Debug)]
 pub struct PlannedWork<'a> {
+    /// The case.
     pub case: &'a Case,
     /// Bounds on its generator.
     pub bounds: &'a Bounds,

@@ -438,6 +438,11 @@ impl Case {
         self.tables.iter().filter_map(move |file| Some((file, values(file)?)))
     }
 
+    /// Whether the run starts from formulas or tables, not from the result of another run.
+    pub fn starts_anew(&self) -> bool {
+        self.warped_start.is_none() && self.start_field.is_none()
+    }
+
     /// The key that gives `V` in a region.
     pub fn potential_key(&self, region: usize) -> String {
         match self.potential[region].value.table() {

@@ -155,6 +155,12 @@ impl<'a> Tracer<'a> {
             _ => self.foot(point, time),
         };
         let feet: Vec<Foot> = points.iter().map(foot).collect();
+        self.values_at(&feet)
+    }
+
+    /// The data at `feet`: `f` along the characteristics from there.
+    pub fn values_at(&self, feet: &[Foot]) -> Vec<f64> {
+        let field = &self.case.fields[0];
         let at: Vec<[f64; 6]> = feet.iter().map(|foot| self.data_point(foot)).collect();
         let mut values = field.initial.at_points(&at, 0.0);
         if let Inflow::Formula(inflow) = &field.inflow {
@@ -165,23 +171,6 @@ impl<'a> Tracer<'a> {
             }
         }
         values
-    }
-
-    /// The data at the end of the path back from `point` over `time`, with reflections as for
-    /// [`follow_with`](Self::follow_with).
-    pub fn value_by(
-        &self,
-        point: &[f64; 6],
-        time: f64,
-        turns_back: &mut dyn FnMut(&Crossing) -> bool,
-    ) -> f64 {
-        let path = self.follow_with(point, time, turns_back);
-        let foot = Foot { point: path.point, entry: path.remaining.unwrap_or(0.0) };
-        let (field, at) = (&self.case.fields[0], self.data_point(&foot));
-        match &field.inflow {
-            Inflow::Formula(inflow) if foot.entry > 0.0 => inflow.at_point(&at, foot.entry),
-            _ => field.initial.at_point(&at, 0.0),
-        }
     }
 
     /// A bound on the number of faces that a particle meets in `time`.
@@ -280,7 +269,18 @@ impl<'a> Tracer<'a> {
             let point = [end.x, 0.0, 0.0, 0.0 + self.flow.direction * end.w, 0.0, 0.0];
             return Foot { point, entry: end.left };
         }
-        let followed = self.follow(point, time);
+        self.foot_by(point, time, &mut |_| false)
+    }
+
+    /// The foot of the path back from `point`, with reflections as for
+    /// [`follow_with`](Self::follow_with).
+    pub fn foot_by(
+        &self,
+        point: &[f64; 6],
+        time: f64,
+        turns_back: &mut dyn FnMut(&Crossing) -> bool,
+    ) -> Foot {
+        let followed = self.follow_with(point, time, turns_back);
         Foot { point: followed.point, entry: followed.remaining.unwrap_or(0.0) }
     }
 

@@ -52,6 +52,7 @@ impl ExportKind {
 /// The case that an export belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ExportOwner {
+    /// The kind of export.
     pub export: ExportKind,
     /// Every setting of the case, by key.
     pub settings: Settings,

@@ -353,11 +353,10 @@ impl Accuracy {
             // Where data jump, degrees above 3 gain little.
             _ => format!(", or a higher {key} where f does not jump,"),
         };
-        let is_start = case.warped_start.is_none() && case.start_field.is_none();
         let then = if !is_large {
             let enough = rounded_down(self.worst() / DOMINANT);
             format!("; with this grid solver.tolerance = {enough:e} would suffice")
-        } else if is_start && self.goal.is_none() {
+        } else if case.starts_anew() && self.goal.is_none() {
             format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))
         } else {
             String::new()

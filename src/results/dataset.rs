@@ -25,6 +25,7 @@ pub enum ExactSolution {
 
 /// The contents of `result.h5`.
 pub struct Results<'a> {
+    /// The case.
     pub case: &'a Case,
     /// The plan it ran with.
     pub plan: &'a Plan,
@@ -57,6 +58,7 @@ pub struct Results<'a> {
 
 /// Attributes of a file as a whole.
 pub struct FileAttributes<'a> {
+    /// The case.
     pub case: &'a Case,
     /// The plan it ran with.
     pub plan: &'a Plan,
@@ -97,6 +99,7 @@ pub struct PlateauPoint {
     pub norm: f64,
 }
 
+/// The vectors as slices.
 pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
     vectors.iter().map(Vec::as_slice).collect()
 }
@@ -104,7 +107,9 @@ pub fn slices(vectors: &[Vec<f64>]) -> Vec<&[f64]> {
 /// Results at an output time before the end, on a rank's share.
 #[derive(Clone, Debug)]
 pub struct EarlyResult {
+    /// The time of its fields.
     pub time: f64,
+    /// The moments.
     pub moments: Moments,
     /// Mass and energies in all of space.
     pub totals: Totals,

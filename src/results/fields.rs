@@ -22,8 +22,10 @@ pub enum DatasetCells {
     PhaseSpace,
 }
 
+/// A kind of dataset.
 #[derive(Clone, Copy, Debug)]
 pub struct DatasetKind {
+    /// Name of the dataset.
     pub name: &'static str,
     /// The cells for which it has values.
     pub over: DatasetCells,
@@ -91,6 +93,7 @@ pub fn moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY, MOMENTUM, VELOCITY], moments)
 }
 
+/// The moments of the exact solution.
 pub fn exact_moments(moments: &Moments) -> [Field<'_>; 3] {
     of_kinds([DENSITY_EXACT, MOMENTUM_EXACT, VELOCITY_EXACT], moments)
 }
@@ -104,6 +107,7 @@ fn of_kinds([density, momentum, velocity]: [DatasetKind; 3], moments: &Moments) 
     .map(|(kind, components)| Field { kind, components })
 }
 
+/// The exact field, if there is one.
 pub fn exact(solution: Option<&ExactSolution>) -> Option<Field<'_>> {
     let Some(ExactSolution::Field(values)) = solution else { return None };
     Some(Field { kind: EXACT, components: vec![&values[..]] })
@@ -163,6 +167,7 @@ impl DatasetLayout {
         }
     }
 
+    /// Names of the axes of a dataset.
     pub fn axes(&self, kind: DatasetKind) -> Vec<&'static str> {
         let component = kind.vector.then_some(COMPONENT);
         let others = self.names[..self.axes_over(kind.over)].iter().copied();

@@ -415,11 +415,11 @@ pub fn entered_mass(prepared: &Prepared, ledger: &mut Ledger) -> Option<f64> {
     if values(&panels) > MOST_VALUES {
         panels = InflowPanels::new(case, f64::INFINITY);
     }
-    if values(&panels) > MOST_VALUES {
+    let values = values(&panels);
+    if values > MOST_VALUES {
         ledger.omitted.push(format!(
-            "mass that entered: it takes {} values of the inflow; at most {MOST_VALUES} are \
-             evaluated",
-            values(&panels)
+            "mass that entered: it takes {values} values of the inflow; at most {MOST_VALUES} are \
+             evaluated"
         ));
         return None;
     }

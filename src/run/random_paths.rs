@@ -2,8 +2,8 @@
 //!
 //! Behind such a jump `f` is a mixture, so that a point has no single characteristic. `f(T, z)` is
 //! the mean of the data at the ends of random paths back from `z`: each turns back at a jump with
-//! the reflected part as its probability. At points `z` that fill the box evenly, with the data `a`
-//! and `b` at the ends of any two of [`PATHS`] independent paths,
+//! the reflected part as its probability. At random points `z` of the box, with the data `a` and
+//! `b` at the ends of any two of [`PATHS`] independent paths,
 //!
 //! ```text
 //! (f_h(z) − a)(f_h(z) − b)   has the mean ∫ (f_h − f)² / volume
@@ -19,13 +19,12 @@
 
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
-use crate::problem::exact::{Crossing, MOST_EXAMINED, MostCells, Tracer};
-use crate::problem::grid::{PhaseSpace, coordinate};
+use crate::problem::exact::{Crossing, Foot, MOST_EXAMINED, MostCells, Tracer};
 use crate::results::accuracy::ParticleErrors;
 use crate::run::ledger::arrivals::{
     ComparedResult, beyond_scatter, is_mixed, most_values, values_at,
 };
-use crate::run::ledger::draw::{REPLICATES, SampleBox, SampleSequence};
+use crate::run::ledger::draw::REPLICATES;
 use crate::run::ledger::tracking::is_reflected;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -38,8 +37,6 @@ const MOST_SAMPLES: usize = 1 << 15;
 /// Largest sum over all paths of the bound on the faces that each meets. They meet a sixteenth of
 /// it or fewer.
 const MOST_FACES: usize = 1 << 32;
-/// The seed of the points of the first replicate; those of the ledger's particles are smaller.
-const FIRST_SEED: u64 = 1 << 32;
 /// The stream of the random numbers of a sample. The points of the ledger's particles are of stream
 /// 0, their reflections of [`tracking::STREAM`](crate::run::ledger::tracking::STREAM).
 const STREAM: u64 = 2;
@@ -61,19 +58,21 @@ pub fn errors(world: &Group, result: &ComparedResult<'_>) -> Result<ParticleErro
     if tracer.is_approximate || many * REPLICATES < LEAST_SAMPLES {
         return Ok(ParticleErrors::default());
     }
-    let points = points(space, many);
+    let points = space.random_points(many * REPLICATES);
     let found = values_at(world, result, &points);
     let mine = (world.rank()..points.len()).step_by(world.size());
     let term = |k: usize| {
         let mut random = ChaCha8Rng::seed_from_u64(k as u64);
         random.set_stream(STREAM);
-        let ends: [f64; PATHS] = std::array::from_fn(|_| {
+        let feet: [Foot; PATHS] = std::array::from_fn(|_| {
             let mut turns_back = |met: &Crossing| is_reflected(case, met, &mut random);
-            tracer.value_by(&points[k], case.end, &mut turns_back)
+            tracer.foot_by(&points[k], case.end, &mut turns_back)
         });
+        let ends = tracer.values_at(&feet);
+        let errors: Vec<f64> = ends.iter().map(|end| found[k] - end).collect();
         let mut term = [0.0; 2 * REPLICATES];
-        term[k / many] = mean_of_pairs(ends.map(|end| found[k] - end));
-        term[REPLICATES + k / many] = mean_of_pairs(ends);
+        term[k / many] = mean_of_pairs(&errors);
+        term[REPLICATES + k / many] = mean_of_pairs(&ends);
         term
     };
     let terms: Vec<[f64; 2 * REPLICATES]> = mine.map(term).collect();
@@ -84,28 +83,12 @@ pub fn errors(world: &Group, result: &ComparedResult<'_>) -> Result<ParticleErro
     Ok(ParticleErrors { field, field_mean, ..ParticleErrors::default() })
 }
 
-/// Points that fill the box evenly, so `many` of each replicate, one replicate after the other.
-fn points(space: &PhaseSpace, many: usize) -> Vec<[f64; 6]> {
-    let (n, whole) = (space.dimension(), SampleBox::whole(space, 0.0));
-    let in_box = |unit: [f64; 6]| {
-        let mut point = [0.0; 6];
-        for (a, (lower, upper)) in whole.lower.iter().zip(&whole.upper).enumerate() {
-            point[coordinate(n, a)] = lower + unit[a] * (upper - lower);
-        }
-        point
-    };
-    let of_replicate = |replicate: usize| {
-        let sequence = SampleSequence::new(2 * n, FIRST_SEED + replicate as u64);
-        (0..many).map(move |k| in_box(sequence.point(k)))
-    };
-    (0..REPLICATES).flat_map(of_replicate).collect()
-}
-
 /// The mean of the products of any two of the `values`.
-fn mean_of_pairs(values: [f64; PATHS]) -> f64 {
+fn mean_of_pairs(values: &[f64]) -> f64 {
+    let count = values.len() as f64;
     let sum: f64 = values.iter().sum();
     let squares: f64 = values.iter().map(|x| x * x).sum();
-    (sum * sum - squares) / (PATHS * (PATHS - 1)) as f64
+    (sum * sum - squares) / (count * (count - 1.0))
 }
 
 #[cfg(test)]
@@ -119,6 +102,6 @@ mod tests {
             (0..PATHS).flat_map(|i| (0..PATHS).filter(move |j| *j != i).map(move |j| [i, j]));
         let products: Vec<f64> = pairs.map(|[i, j]| values[i] * values[j]).collect();
         let mean = products.iter().sum::<f64>() / products.len() as f64;
-        assert!((mean_of_pairs(values) - mean).abs() < 1e-12 * mean.abs());
+        assert!((mean_of_pairs(&values) - mean).abs() < 1e-12 * mean.abs());
     }
 }

@@ -259,9 +259,8 @@ impl<'a> Driver<'a> {
         exact: &ExactRun,
     ) {
         let case = result.case;
-        let starts_from_formula = case.start_field.is_none() && case.warped_start.is_none();
         let mut by_paths = ParticleErrors::default();
-        if self.output.is_some() && case.reflects() && starts_from_formula {
+        if self.output.is_some() && case.reflects() && case.starts_anew() {
             // Where V is not finite on other cells, they are not known.
             by_paths = random_paths::errors(world, result).unwrap_or_default();
         }

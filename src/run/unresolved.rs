@@ -37,8 +37,7 @@ fn variation_in_cells(case: &Case) -> Option<String> {
     const NOTHING: f64 = 1e-3;
     /// The largest relative L2 distance of the data from their values at the centres.
     const LARGE: f64 = 0.5;
-    let starts_elsewhere = case.warped_start.is_some() || case.start_field.is_some();
-    if starts_elsewhere || case.space.degree() > 0 || case.is_measure_valued() {
+    if !case.starts_anew() || case.space.degree() > 0 || case.is_measure_valued() {
         return None;
     }
     let points = case.space.random_points(POINTS);

@@ -36,8 +36,7 @@ fn vanishes(formula: &Expression, points: impl Iterator<Item = [f64; 6]>, time: 
 
 /// The warning of initial data. Where nothing enters, the ledger warns of a solution that is zero.
 fn initial(case: &Case, space: &PhaseSpace) -> Option<String> {
-    let starts_elsewhere = case.warped_start.is_some() || case.start_field.is_some();
-    if starts_elsewhere || case.is_measure_valued() || !case.enters() {
+    if !case.starts_anew() || case.is_measure_valued() || !case.enters() {
         return None;
     }
     let formula = &case.fields[0].initial;

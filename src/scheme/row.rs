@@ -33,6 +33,7 @@ pub struct InflowSource {
 /// A value of an inflow that is not finite.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct UndefinedInflow {
+    /// Number of the field.
     pub field: usize,
     pub value: f64,
     pub point: [f64; 6],

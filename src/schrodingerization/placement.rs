@@ -34,6 +34,7 @@ pub(crate) struct Placement {
     pub interval: [f64; 2],
     pub readings: Vec<Reading>,
     pub plateau: Vec<Reading>,
+    /// The quality of the estimate from two readings.
     pub quality: EstimatorQuality,
     pub warnings: Vec<String>,
 }

@@ -38,6 +38,7 @@ pub enum DeltaWidth {
 /// A time before the end, possibly the start, at which results are written.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutputTime {
+    /// The time.
     pub time: f64,
     /// Whether whole fields are written; otherwise only their moments are.
     pub fields: bool,
@@ -57,6 +58,7 @@ pub struct OutputTimes {
 /// `output.moments_every` or `output.fields_every`, if it is longer than the run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IdleInterval {
+    /// The key.
     pub key: &'static str,
     /// The interval.
     pub every: f64,

@@ -16,6 +16,7 @@ use crate::results::pictures::moments::planes;
 use crate::results::pictures::phase_space::{concentrated, surface};
 use crate::results::pictures::stored::{Plane, StoredRun, StoredTime};
 
+/// The frames of a run.
 pub struct Film<'a> {
     run: &'a StoredRun,
     cut: Cut,
@@ -70,10 +71,12 @@ impl<'a> Film<'a> {
         Ok(film)
     }
 
+    /// The number of frames.
     pub fn count(&self) -> usize {
         self.times.len()
     }
 
+    /// The time of a frame.
     pub fn time(&self, k: usize) -> f64 {
         self.times[k].time
     }

@@ -43,6 +43,7 @@ pub struct Judgement {
 }
 
 impl Judgement {
+    /// The judgement in a summary.
     pub fn of(summary: &Value) -> Self {
         Self {
             accuracy: Accuracy::deserialize(&summary["accuracy"]).ok(),

@@ -120,7 +120,7 @@ impl SampleSequence {
     }
 
     /// Point `k` in the unit cube.
-    pub fn point(&self, k: usize) -> [f64; MOST_DIMENSIONS] {
+    fn point(&self, k: usize) -> [f64; MOST_DIMENSIONS] {
         let mut point = [0.0; MOST_DIMENSIONS];
         for (x, (shift, step)) in point.iter_mut().zip(self.shift.iter().zip(&self.step)) {
             *x = (shift + (k + 1) as f64 * step).fract();

@@ -63,7 +63,9 @@ pub(super) fn moved(mut readings: Vec<Reading>, distance: f64) -> Vec<Reading> {
 
 /// The readings, and the relation of their distance to the error.
 pub(super) struct ErrorEstimator {
+    /// The readings, the main one first.
     pub readings: Vec<Reading>,
+    /// The quality of the estimate from two readings.
     pub quality: EstimatorQuality,
 }
 

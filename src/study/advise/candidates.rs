@@ -7,7 +7,7 @@ use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
-use crate::study::advise::grid_search::{DISCRETISATION, GridSearch, error_on};
+use crate::study::advise::grid_search::{DISCRETISATION, GridSearch, SearchGoal, error_on};
 use crate::study::advise::reached_grid::{DensityError, Evidence, ReachedGrid};
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
 use crate::study::advise::scheme::SchemeChoice;
@@ -311,7 +311,8 @@ impl Study<'_> {
         scheme: SchemeChoice,
         known: &ReachedGrid,
     ) -> Result<()> {
-        let search = GridSearch::new(&mut self.trials, scheme, self.request.accuracy, 1.0);
+        let goal = SearchGoal { accuracy: self.request.accuracy, share: 1.0 };
+        let search = GridSearch::new(&mut self.trials, scheme, goal);
         let why = match search.near(known) {
             Ok(Some(reached)) if method == Method::Classical => {
                 return self.add_classical(&reached);

@@ -109,6 +109,24 @@ fn stretch(part: f64, dimension: usize, degree: usize) -> f64 {
     powers.exp2().clamp(1.0 / MOST_STRETCH, MOST_STRETCH)
 }
 
+/// The goal of a search, and its limit.
+#[derive(Clone, Copy)]
+pub struct SearchGoal {
+    /// Relative L1 error of the density, at most.
+    pub accuracy: f64,
+    /// Part of the whole budget up to which trials are made.
+    pub share: f64,
+}
+
+/// The beginning of a search.
+#[derive(Clone, Copy)]
+pub struct SearchStart<'a> {
+    /// Shape of the coarse grid to begin with.
+    pub shape: &'a [usize],
+    /// Whether space and velocities are balanced on a coarse grid first.
+    pub balance: bool,
+}
+
 /// The search for the coarsest grid on which a scheme meets an accuracy.
 pub struct GridSearch<'t, 'a> {
     trials: &'t mut Trials<'a>,
@@ -122,26 +140,20 @@ pub struct GridSearch<'t, 'a> {
 }
 
 impl<'t, 'a> GridSearch<'t, 'a> {
-    /// The search for a grid of `scheme` with this relative L1 error of the density, by trials up
-    /// to the part `share` of the whole budget, before any trial.
-    pub fn new(
-        trials: &'t mut Trials<'a>,
-        scheme: SchemeChoice,
-        accuracy: f64,
-        share: f64,
-    ) -> Self {
+    /// The search for a grid of `scheme` that meets `goal`, before any trial.
+    pub fn new(trials: &'t mut Trials<'a>, scheme: SchemeChoice, goal: SearchGoal) -> Self {
+        let SearchGoal { accuracy, share } = goal;
         let used = trials.budget.used().min(share);
         Self { trials, scheme, used, share, wanted: DISCRETISATION * accuracy }
     }
 
-    /// The coarsest grid on which the scheme meets the accuracy, or the grid that comes closest,
-    /// beginning with the shape `start`. Space and velocities are balanced on a coarse grid first
-    /// if `balance`. Collective.
+    /// The coarsest grid on which the scheme meets the accuracy, or the grid that comes closest.
+    /// Collective.
     ///
     /// # Errors
     /// As [`Trials::run`].
-    pub fn coarsest(mut self, start: &[usize], balance: bool) -> Result<ReachedGrid> {
-        let scheme = self.scheme;
+    pub fn coarsest(mut self, start: SearchStart<'_>) -> Result<ReachedGrid> {
+        let (scheme, SearchStart { shape: start, balance }) = (self.scheme, start);
         let second = self.grids().doubled(start, AxisGroup::All);
         let part =
             if balance { self.part_of_space(&second, self.up_to(FOR_BALANCE))? } else { None };

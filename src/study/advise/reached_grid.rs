@@ -30,11 +30,13 @@ pub enum Evidence {
 /// The coarsest grid on which a scheme reaches the accuracy.
 #[derive(Clone, Debug)]
 pub struct ReachedGrid {
+    /// The scheme.
     pub scheme: SchemeChoice,
     /// Elements along each axis.
     pub shape: Vec<usize>,
     /// Relative L1 error of the density on it.
     pub error: f64,
+    /// The evidence for the error.
     pub known: Evidence,
     /// The order that `grids` show.
     pub order: Order,
@@ -97,5 +99,6 @@ impl ReachedGrid {
 pub struct DensityError {
     /// Relative L1 error of the density.
     pub error: f64,
+    /// The evidence for it.
     pub known: Evidence,
 }

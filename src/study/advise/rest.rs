@@ -8,7 +8,7 @@
 use crate::base::error::Result;
 use crate::problem::case::{Limiter, Method};
 use crate::study::advise::Study;
-use crate::study::advise::grid_search::next_grid;
+use crate::study::advise::grid_search::{SearchStart, next_grid};
 use crate::study::advise::reached_grid::ReachedGrid;
 use crate::study::budget::Budget;
 
@@ -91,7 +91,8 @@ impl Study<'_> {
             let share = REST * (k + 1) as f64 / tried.len() as f64;
             let (scheme, start) = (found[of].scheme, found[of].first().to_vec());
             // A failed search does not replace the grid.
-            if let Ok(reached) = self.coarsest(scheme, &start, false, share) {
+            let start = SearchStart { shape: &start, balance: false };
+            if let Ok(reached) = self.coarsest(scheme, start, share) {
                 found[of] = reached;
             }
         }

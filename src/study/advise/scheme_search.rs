@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Limiter, Method};
-use crate::study::advise::grid_search::{DISCRETISATION, GridSearch};
+use crate::study::advise::grid_search::{DISCRETISATION, GridSearch, SearchGoal, SearchStart};
 use crate::study::advise::reached_grid::{Evidence, ReachedGrid};
 use crate::study::advise::scheme::SchemeChoice;
 use crate::study::advise::setups::SkippedSetup;
@@ -28,6 +28,11 @@ enum NoGrid {
 
 /// The result of the search for the grid of a scheme.
 type SearchResult = std::result::Result<ReachedGrid, NoGrid>;
+
+/// A search from a grid of this `shape`, whose space and velocities are balanced first.
+fn balanced(shape: &[usize]) -> SearchStart<'_> {
+    SearchStart { shape, balance: true }
+}
 
 /// A scheme, and the result of the search for its grid.
 struct SearchedScheme {
@@ -104,7 +109,7 @@ impl Study<'_> {
             // Each scheme has an equal share of the budget for grids.
             let share = FOR_GRIDS * (k + 1) as f64 / schemes.len() as f64;
             let tried = match k {
-                0 => self.coarsest(scheme, &first, true, share).map_err(NoGrid::Failed),
+                0 => self.coarsest(scheme, balanced(&first), share).map_err(NoGrid::Failed),
                 _ => self.search_grid(scheme, share)?,
             };
             found.push(SearchedScheme { scheme, tried });
@@ -177,23 +182,22 @@ impl Study<'_> {
     fn search_grid(&mut self, scheme: SchemeChoice, share: f64) -> Result<SearchResult> {
         let start = self.start(scheme);
         if self.trials.affords(scheme, &start, share)? {
-            Ok(self.coarsest(scheme, &start, true, share).map_err(NoGrid::Failed))
+            Ok(self.coarsest(scheme, balanced(&start), share).map_err(NoGrid::Failed))
         } else {
             Ok(Err(NoGrid::BudgetTooSmall(start)))
         }
     }
 
-    /// The coarsest grid of `scheme` that reaches the accuracy, searched from the grid `start` on
-    /// up to this part of the budget; axes are balanced first if `balance`. Collective.
+    /// The coarsest grid of `scheme` that reaches the accuracy, searched from `start` on up to this
+    /// part of the budget. Collective.
     pub(super) fn coarsest(
         &mut self,
         scheme: SchemeChoice,
-        start: &[usize],
-        balance: bool,
+        start: SearchStart<'_>,
         share: f64,
     ) -> Result<ReachedGrid> {
-        let accuracy = self.request.accuracy;
-        GridSearch::new(&mut self.trials, scheme, accuracy, share).coarsest(start, balance)
+        let goal = SearchGoal { accuracy: self.request.accuracy, share };
+        GridSearch::new(&mut self.trials, scheme, goal).coarsest(start)
     }
 
     /// Unknowns of the grid that is expected to reach the accuracy.

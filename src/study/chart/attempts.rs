@@ -57,6 +57,7 @@ struct ExpectedSeconds {
 
 /// The grid on which a chart compares methods.
 pub(crate) struct ComparedGrid {
+    /// The grid.
     pub space: PhaseSpace,
     /// The reason why it is coarser than the case's own; `None` if it is not.
     pub why_coarser: Option<String>,

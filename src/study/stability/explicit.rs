@@ -205,12 +205,7 @@ struct MethodLimits {
 
 impl MethodLimits {
     fn verdict(&self) -> String {
-        let Self { name, what, kept_by_theory: limit, .. } = self;
-        let number = |of: &BorderLocation| match of {
-            Ok(cfl) => format!("{cfl:.3}"),
-            Err(why) => why.clone(),
-        };
-        let [kept, calm, calm_bound] = [&self.kept, &self.calm, &self.calm_bound].map(number);
+        let Self { name, what, kept, kept_by_theory: limit, calm, calm_bound, .. } = self;
         let theory = limit.map_or("none, as data that hardly decay grow".to_owned(), |limit| {
             format!("{limit:.3}")
         });
@@ -219,8 +214,8 @@ impl MethodLimits {
              (theory, for any data: {theory}); they grow a millionfold from {calm} on (bound: not \
              below {calm_bound}). "
         );
-        let beyond = |kept: &f64| limit.is_some_and(|limit| *kept > (1.0 + SLACK) * limit);
-        if self.kept.as_ref().is_ok_and(beyond) {
+        let beyond = |kept: f64| limit.is_some_and(|limit| kept > (1.0 + SLACK) * limit);
+        if kept.at().is_some_and(beyond) {
             verdict += "The patterns are not the worst data of this grid: other data may exceed it \
                         at smaller steps than measured, but not below the border of theory. ";
         }
@@ -228,17 +223,15 @@ impl MethodLimits {
     }
 
     fn borders(&self) -> [Border; 2] {
-        let [kept, calm, calm_bound] =
-            [&self.kept, &self.calm, &self.calm_bound].map(|of| of.as_ref().ok().copied());
         let name = format!("{}: {} kept", self.name, self.what);
-        let kept = Border::new(name, kept, self.kept_by_theory);
+        let kept = Border::new(name, self.kept.at(), self.kept_by_theory);
         let kept = match (self.integrator, self.what) {
             (_, NORM) => kept.bounded(),
             (Integrator::ForwardEuler, _) => kept.drawn("largest value kept"),
             _ => kept,
         };
         let name = format!("{}: explodes in {STEPS} steps", self.name);
-        [kept, Border::new(name, calm, calm_bound).bounded()]
+        [kept, Border::new(name, self.calm.at(), self.calm_bound.at()).bounded()]
     }
 }
 

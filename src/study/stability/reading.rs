@@ -53,6 +53,7 @@ impl SpectrumExtent {
 
 /// A Gaussian profile that switches on below `p = 0`.
 pub(crate) struct SwitchedGaussian {
+    /// The profile.
     pub profile: Gaussian,
     /// The length below `p = 0` beyond which it is small.
     pub room: f64,

@@ -2,8 +2,39 @@
 
 use crate::base::bisect::bisect;
 
-/// The last number at which a condition holds; where it was not located, words for it.
-pub type BorderLocation = Result<f64, String>;
+/// The location of a border: the last number at which a condition holds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BorderLocation {
+    /// The condition holds up to this number.
+    At(f64),
+    /// The condition does not hold at the first number.
+    Below(f64),
+    /// The condition holds at the last number.
+    Beyond(f64),
+    /// The budget ended before the border was located.
+    Unknown,
+}
+
+impl BorderLocation {
+    /// The number, if the border was located.
+    pub fn at(self) -> Option<f64> {
+        match self {
+            Self::At(x) => Some(x),
+            _ => None,
+        }
+    }
+}
+
+impl std::fmt::Display for BorderLocation {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::At(x) => write!(out, "{x:.3}"),
+            Self::Below(x) => write!(out, "something below {x}"),
+            Self::Beyond(x) => write!(out, "something beyond {x}"),
+            Self::Unknown => out.write_str("(not located within the budget)"),
+        }
+    }
+}
 
 /// The last number of `[low, high]` at which `holds` is true, by `halvings` halvings of the
 /// interval. `holds` should be true at the lower end and false at the upper one. The search stops
@@ -14,20 +45,19 @@ pub fn last_holding(
     is_over: impl Fn() -> bool,
     mut holds: impl FnMut(f64) -> bool,
 ) -> BorderLocation {
-    let unknown = || Err("(not located within the budget)".to_owned());
     if is_over() {
-        return unknown();
+        return BorderLocation::Unknown;
     }
     if !holds(low) {
-        return Err(format!("something below {low}"));
+        return BorderLocation::Below(low);
     }
     if holds(high) {
-        return Err(format!("something beyond {high}"));
+        return BorderLocation::Beyond(high);
     }
     let mut over = false;
     let [low, high] = bisect(low, high, halvings, |middle| {
         over = over || is_over();
         over || holds(middle)
     });
-    if over { unknown() } else { Ok(0.5 * (low + high)) }
+    if over { BorderLocation::Unknown } else { BorderLocation::At(0.5 * (low + high)) }
 }

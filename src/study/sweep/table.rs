@@ -161,9 +161,12 @@ impl SweepTable {
 /// [`crate::base::error::Error::Directory`].
 pub fn refuse_to_replace<'a>(directory: &Path, runs: impl Iterator<Item = &'a Path>) -> Result<()> {
     let runs: Vec<&OsStr> = runs.filter_map(Path::file_name).collect();
-    let what = match (rows(&directory.join("table.csv")), head(&directory.join("table.tex"))) {
-        (Some(None), _) => "a table.csv that no sweep wrote".to_owned(),
-        (Some(Some(rows)), _) if rows.iter().any(|row| !runs.contains(&row.as_os_str())) => {
+    let table = found_table(&directory.join("table.csv"));
+    let what = match (table, head(&directory.join("table.tex"))) {
+        (Some(FoundTable::Foreign), _) => "a table.csv that no sweep wrote".to_owned(),
+        (Some(FoundTable::OfRuns(rows)), _)
+            if rows.iter().any(|row| !runs.contains(&row.as_os_str())) =>
+        {
             "the table of a sweep with other runs".to_owned()
         }
         (_, Some(head)) if head != TEX_HEAD => "a table.tex that no sweep wrote".to_owned(),
@@ -172,11 +175,18 @@ pub fn refuse_to_replace<'a>(directory: &Path, runs: impl Iterator<Item = &'a Pa
     Err(disk::not_replaced(directory, &what))
 }
 
-/// The names of the directories in a table file, if the file exists; no names if it is no such
-/// table.
-fn rows(path: &Path) -> Option<Option<Vec<OsString>>> {
+/// A file that has the name of a table.
+enum FoundTable {
+    /// It is of a sweep with runs in directories of these names.
+    OfRuns(Vec<OsString>),
+    /// No sweep wrote it.
+    Foreign,
+}
+
+/// What the table file is, if it exists.
+fn found_table(path: &Path) -> Option<FoundTable> {
     let found = std::fs::symlink_metadata(path).ok()?;
-    let names = || {
+    let names = || -> Option<Vec<OsString>> {
         let text = (found.len() <= MOST_BYTES).then(|| disk::read_text(path).ok())??;
         let records = csv_records(&text);
         let last = records.first()?.iter().position(|name| name == DIRECTORY)?;
@@ -184,7 +194,7 @@ fn rows(path: &Path) -> Option<Option<Vec<OsString>>> {
             |record: &Vec<String>| Some(Path::new(record.get(last)?).file_name()?.to_owned());
         records[1..].iter().map(name).collect()
     };
-    Some(names())
+    Some(names().map_or(FoundTable::Foreign, FoundTable::OfRuns))
 }
 
 /// The first line of a file, if it exists; empty if it is not text.

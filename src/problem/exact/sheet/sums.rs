@@ -16,6 +16,7 @@ pub struct Deposit {
     pub number: usize,
     /// Number of the cell, row-major in the space grid.
     pub cell: usize,
+    /// Mass.
     pub mass: f64,
     /// Mass times velocity, by axis.
     pub momentum: [f64; MAX_DIMENSION],

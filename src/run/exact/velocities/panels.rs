@@ -43,6 +43,7 @@ impl VelocityIntegral {
 
 /// An integral, and the values of the solution that it took.
 pub struct SampledIntegral {
+    /// The integral.
     pub integral: VelocityIntegral,
     /// Number of these values.
     pub points: usize,
@@ -72,7 +73,9 @@ pub fn points_of(panels: &[usize]) -> usize {
 pub struct PanelRule<'a> {
     /// The exact solution.
     pub values_of: &'a ExactValues<'a>,
+    /// The time.
     pub time: f64,
+    /// Phase space.
     pub space: &'a PhaseSpace,
     /// Panels to begin with, by axis.
     pub panels: Vec<usize>,
