@@ -6,6 +6,7 @@ use crate::quantum::circuit::transport::{
     AxisTransport, CaseTransport, CircuitModes, Force, bits_of,
 };
 
+/// The weights of the sum.
 enum WeightedSum {
     /// Weights for a register of modes.
     Register {
@@ -37,6 +38,7 @@ impl WeightedSum {
     }
 }
 
+/// The registers of an axis.
 pub(in crate::quantum) struct AxisRegisters {
     /// The speed, and the sign above it: the number of the velocity cell.
     pub velocity: Vec<Qubit>,
@@ -56,17 +58,19 @@ pub(in crate::quantum) struct AxisRegisters {
     pub chosen: Vec<Literal>,
 }
 
+/// The registers of which each axis has a part.
+struct SharedRegisters<'a> {
+    spaces: &'a [Vec<Qubit>],
+    bins: &'a [Qubit],
+    level: &'a [Qubit],
+    above: Option<Qubit>,
+    terms: &'a TermRegister,
+}
+
 impl AxisRegisters {
-    /// The registers of axis `a` with this `velocity`: parts of those for space, by axis, of the
-    /// bit `above` energies, and of `wires`.
-    fn new(
-        a: usize,
-        speeds: usize,
-        velocity: Vec<Qubit>,
-        spaces: &[Vec<Qubit>],
-        above: Option<Qubit>,
-        Wires { bins, level, terms, .. }: &Wires,
-    ) -> Self {
+    /// The registers of axis `a` with this `velocity`.
+    fn new(a: usize, speeds: usize, velocity: Vec<Qubit>, common: &SharedRegisters<'_>) -> Self {
+        let SharedRegisters { spaces, bins, level, above, terms } = common;
         let speed = &velocity[..velocity.len() - 1];
         let energy = [&level[..velocity.len()], speed].concat();
         let others = (0..spaces.len()).rev().filter(|b| *b != a);
@@ -200,9 +204,15 @@ impl Wires {
         let terms =
             TermRegister(c.register(name, axes.len() + forces.len() - 1, RegisterRole::Block));
         let reversed = c.register("reversed", 1, RegisterRole::Block)[0];
-        let mut wires = Self {
+        let common =
+            SharedRegisters { spaces: &spaces, bins: &bins, level: &level, above, terms: &terms };
+        let along = velocities.into_iter().zip(axes).enumerate();
+        let along = along
+            .map(|(a, (velocity, axis))| AxisRegisters::new(a, axis.speeds, velocity, &common));
+        let along = along.collect();
+        Self {
             modes: warped,
-            along: Vec::new(),
+            along,
             space: spaces.iter().rev().flatten().copied().collect(),
             weaker,
             end_of_velocity,
@@ -215,12 +225,7 @@ impl Wires {
             level,
             terms,
             control: control.first().copied(),
-        };
-        for (a, (velocity, axis)) in velocities.into_iter().zip(axes).enumerate() {
-            let along = AxisRegisters::new(a, axis.speeds, velocity, &spaces, above, &wires);
-            wires.along.push(along);
         }
-        wires
     }
 
     /// Prepares the weights of the sum, and the levels.
