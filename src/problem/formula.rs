@@ -27,6 +27,7 @@ pub use crate::problem::formula::parser::{Constants, is_reserved, is_word, words
 
 use crate::base::error::Error;
 use crate::problem::formula::tree::{FormulaNode, LANES, TIMES};
+use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::COORDINATES;
 use crate::problem::table::Table;
 use std::sync::Arc;
@@ -100,6 +101,18 @@ impl Expression {
     pub fn at_point(&self, point: &[f64; 6], time: f64) -> f64 {
         let &[x, y, z, vx, vy, vz] = point;
         self.eval(&[x, y, z, vx, vy, vz, time])
+    }
+
+    /// The value at a point `(x, y, z, vx, vy, vz)`, then the derivatives by `x`, `y` and `z`. They
+    /// are NaN if the formula [is not smooth](Self::is_smooth).
+    pub fn value_and_slopes(&self, point: &[f64; 6]) -> [f64; 1 + MAX_DIMENSION] {
+        self.tree.value_and_slopes(point)
+    }
+
+    /// Whether the formula has neither a table nor an operation that jumps or has a kink (`abs`,
+    /// `min`, a comparison, …).
+    pub fn is_smooth(&self) -> bool {
+        self.tree.is_smooth()
     }
 
     /// The values at points `(x, y, z, vx, vy, vz)` and a time: faster than
@@ -247,6 +260,42 @@ mod tests {
         }
     }
 
+    /// The derivatives are those of central differences, and zero where nothing varies.
+    #[test]
+    fn smooth_formulas_have_derivatives() {
+        let names: [&[&str]; 3] = [&["x"], &["y"], &["z"]];
+        let parse = |text| Expression::parse(text, &names, &Constants::new()).expect(text);
+        let at = [0.3, -0.4, 0.6, 0.0, 0.0, 0.0];
+        for text in [
+            "x^2*y - y^3/3 + 0.5*(x^2 + y^2)",
+            "exp(-x^2/2 - y^2)*(1 + z)/(2 - x*y)",
+            "-1/sqrt(x^2 + y^2 + z^2 + 0.01) + x**3 + 2^y + (2 + x)^(z - y)",
+            "sin(3*x)*cos(y) + tan(z) + asin(x) - acos(y)*atan(z)",
+            "sinh(x) + cosh(y)*tanh(z) + ln(z) + log(2 + y) - log10(1 + x) + cbrt(y) + atan2(y, x)",
+            "7",
+            "-(-y)",
+        ] {
+            let formula = parse(text);
+            assert!(formula.is_smooth(), "{text}");
+            let [value, slopes @ ..] = formula.value_and_slopes(&at);
+            assert_eq!(value.to_bits(), formula.eval(&at).to_bits(), "{text}");
+            for (a, slope) in slopes.into_iter().enumerate() {
+                let step = 1e-4;
+                let [below, above] = [-step, step].map(|step| {
+                    let mut beside = at;
+                    beside[a] += step;
+                    formula.eval(&beside)
+                });
+                let expected = (above - below) / (2.0 * step);
+                assert!((slope - expected).abs() < 1e-6, "{text}, {a}: {slope}, not {expected}");
+                assert!(slope == 0.0 || formula.depends_on(a), "{text}, {a}: {slope}");
+            }
+        }
+        for text in ["abs(x)", "min(x, y)", "1 if x > 0 else y", "x + floor(y)", "!x", "sign(z)"] {
+            assert!(!parse(text).is_smooth(), "{text}");
+        }
+    }
+
     #[test]
     fn constants_are_numbers() {
         let constants = Constants::from([("k".to_owned(), 3.0), ("two".to_owned(), 2.0)]);
@@ -285,6 +334,8 @@ mod tests {
             ("1 if x > 0 else 1/0", "division by zero at character 18"),
             ("1/0 if 1 else x", "division by zero at character 2"),
             ("1 if 0 else x/0", "division by zero at character 14"),
+            ("1 else 0", "\"else\" at character 3 without an \"if\""),
+            ("1 if x > 0 else 2 else 3", "\"else\" at character 19 without"),
         ];
         for (text, expected) in table {
             let message = Expression::parse(text, &[&["x"]], &Constants::new()).expect_err(text);
@@ -314,7 +365,7 @@ mod tests {
 
     #[test]
     fn a_nan_of_the_formula_is_not_hidden_by_else() {
-        assert!(value("sqrt(-x) else 1").is_nan());
+        assert!(value("sqrt(-x) if x > 0 else 1").is_nan());
         assert!(value("1 if x < 0").is_nan());
         for hidden in [
             "min(1, sqrt(-x))", "sqrt(-x) < 1", "1 if sqrt(-x) > 0 else 2", "!sqrt(-x)",

@@ -23,6 +23,7 @@ pub use crate::problem::potential::edges::{
 };
 
 pub use crate::problem::potential::pieces::{is_one_piece, region, space_point};
+pub use crate::problem::potential::values::KINK;
 
 use crate::base::error::Result;
 use crate::problem::case::Case;

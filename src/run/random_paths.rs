@@ -34,16 +34,15 @@ const PATHS: usize = 8;
 /// Least and largest number of samples, each of a point and its paths.
 const LEAST_SAMPLES: usize = 1 << 9;
 const MOST_SAMPLES: usize = 1 << 15;
-/// Largest sum over all paths of the bound on the faces that each meets. They meet a sixteenth of
-/// it or fewer.
-const MOST_FACES: usize = 1 << 32;
+/// About the largest number of steps of all paths.
+const MOST_STEPS: f64 = 33_554_432.0;
 /// The stream of the random numbers of a sample. The points of the ledger's particles are of stream
 /// 0, their reflections of [`tracking::STREAM`](crate::run::ledger::tracking::STREAM).
 const STREAM: u64 = 2;
 
 /// The relative L2 error of `f` in `result`, of a case with partial reflection that starts from a
-/// formula at time 0. None on very fine grids of space, after very long times, and where `V` is
-/// approximated: the error of tracing is not known there. Collective.
+/// formula at time 0. None on very fine grids of space, where paths take very many steps, and where
+/// `V` is approximated: the error of tracing is not known there. Collective.
 ///
 /// # Errors
 /// If `V` is not finite.
@@ -53,7 +52,7 @@ pub fn errors(world: &Group, result: &ComparedResult<'_>) -> Result<ParticleErro
         return Ok(ParticleErrors::default());
     }
     let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
-    let most = MOST_FACES / (PATHS * tracer.most_faces(case.end));
+    let most = (MOST_STEPS / (PATHS as f64 * tracer.mean_steps(case.end))) as usize;
     let many = most.min(most_values(space)).min(MOST_SAMPLES) / REPLICATES;
     if tracer.is_approximate || many * REPLICATES < LEAST_SAMPLES {
         return Ok(ParticleErrors::default());

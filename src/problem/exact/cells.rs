@@ -1,11 +1,13 @@
-//! `V` as particles see it: quadratic along each axis in a cell, with jumps at faces.
+//! `V` as particles see it: quadratic along each axis in a cell or given by a smooth formula, with
+//! jumps at faces.
 
 use crate::base::error::Result;
 use crate::base::row_major::number;
 use crate::problem::case::Case;
 use crate::problem::exact::motion::CellForce;
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
-use crate::problem::potential::{Potential, curvatures};
+use crate::problem::formula::Expression;
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells};
+use crate::problem::potential::{KINK, Potential, curvatures, region, space_point};
 
 /// Jumps, slopes and curvatures of `V` on the cells of `space`.
 ///
@@ -20,6 +22,17 @@ pub(super) struct TracedPotential {
     pub linear: Potential,
     /// By cell and axis; empty where `V` is linear in all cells.
     curvatures: Vec<[f64; MAX_DIMENSION]>,
+    /// The formulas by which `V` is followed, if not by its parabolas.
+    formulas: Option<CellFormulas>,
+}
+
+/// Smooth formulas of `V`.
+#[derive(Clone, Debug)]
+struct CellFormulas {
+    /// By region.
+    regions: Vec<Expression>,
+    /// The region of each cell.
+    of_cell: Vec<u16>,
 }
 
 impl TracedPotential {
@@ -35,13 +48,73 @@ impl TracedPotential {
         if curvatures.iter().all(|along| *along == [0.0; MAX_DIMENSION]) {
             curvatures = Vec::new();
         }
-        Ok(Self { space: case.space, linear, curvatures })
+        Ok(Self { space: case.space, linear, curvatures, formulas: None })
+    }
+
+    /// This potential, which particles follow by the formulas of `case`. These must be smooth.
+    pub fn by_formulas(self, case: &Case) -> Self {
+        let axes = &self.space.x;
+        let of_cell = |cell: [usize; MAX_DIMENSION]| {
+            // An undefined condition was an error before.
+            region(&case.potential, &space_point(axes, &cell)).unwrap_or(0) as u16
+        };
+        let formulas = CellFormulas {
+            regions: case.potential.iter().map(|region| region.value.clone()).collect(),
+            of_cell: box_cells(&self.space.space_ranges()).map(of_cell).collect(),
+        };
+        Self { formulas: Some(formulas), ..self }
+    }
+
+    /// The number of a cell, row-major.
+    fn number(&self, cell: &[usize; MAX_DIMENSION]) -> usize {
+        number(self.space.x.iter().map(|axis| axis.cells), *cell)
+    }
+
+    /// The formula by which particles are followed in a cell; `None` if `V` is a sum of parabolas
+    /// there.
+    pub fn formula(&self, cell: &[usize; MAX_DIMENSION]) -> Option<&Expression> {
+        let formulas = self.formulas.as_ref()?;
+        let formula = &formulas.regions[usize::from(formulas.of_cell[self.number(cell)])];
+        formula.constant().is_none().then_some(formula)
+    }
+
+    /// `V` in cell `before` at `from` minus `V` in cell `behind` at `to`, both on the face between
+    /// these cells, by their formulas; `None` without formulas.
+    pub fn rise_by_formulas(
+        &self,
+        [before, behind]: [&[usize; MAX_DIMENSION]; 2],
+        [from, to]: [&[f64; MAX_DIMENSION]; 2],
+    ) -> Option<f64> {
+        let formulas = self.formulas.as_ref()?;
+        let regions = [before, behind].map(|cell| formulas.of_cell[self.number(cell)]);
+        if regions[0] == regions[1] && from == to {
+            return Some(0.0);
+        }
+        let value = |region: u16, x: &[f64; MAX_DIMENSION]| {
+            formulas.regions[usize::from(region)].eval(&phase_point(x))
+        };
+        let [before, behind] = [value(regions[0], from), value(regions[1], to)];
+        let rise = before - behind;
+        Some(if rise.abs() <= KINK * before.abs().max(behind.abs()) { 0.0 } else { rise })
+    }
+
+    /// `∂V/∂x_a` along `axis` at the place `x` of a cell.
+    pub fn slope_at(
+        &self,
+        cell: &[usize; MAX_DIMENSION],
+        axis: usize,
+        x: &[f64; MAX_DIMENSION],
+    ) -> f64 {
+        match self.formula(cell) {
+            Some(formula) => slopes(formula, x)[axis],
+            None => self.force(cell, axis).slope_at(x[axis]),
+        }
     }
 
     /// The curvatures along all axes in a cell.
     pub fn curvatures(&self, cell: &[usize; MAX_DIMENSION]) -> [f64; MAX_DIMENSION] {
-        let at = || number(self.space.x.iter().map(|axis| axis.cells), *cell);
-        if self.curvatures.is_empty() { [0.0; MAX_DIMENSION] } else { self.curvatures[at()] }
+        let is_straight = self.curvatures.is_empty();
+        if is_straight { [0.0; MAX_DIMENSION] } else { self.curvatures[self.number(cell)] }
     }
 
     /// `∂V/∂x_a` along `axis` in a cell.
@@ -59,12 +132,34 @@ impl TracedPotential {
         self.linear.steepest(axis) + 0.5 * bent * self.space.x[axis].width()
     }
 
-    /// Whether `V` is constant in a cell, and does not jump at its faces.
-    pub fn is_free(&self, cell: &[usize; MAX_DIMENSION]) -> bool {
-        (0..self.space.dimension()).all(|a| {
-            self.linear.slope(cell, a) == 0.0
-                && self.linear.jump_below(cell, a) == 0.0
-                && self.linear.jump_above(cell, a) == 0.0
-        }) && self.curvatures(cell) == [0.0; MAX_DIMENSION]
+    /// The number of the function that `V` is in a cell, if `V` does not jump at its faces: 0 if it
+    /// is constant, and one for each formula. `None` if particles are to stop at the faces of the
+    /// cell.
+    pub fn piece(&self, cell: &[usize; MAX_DIMENSION]) -> Option<u16> {
+        let jumps = (0..self.space.dimension()).any(|a| {
+            self.linear.jump_below(cell, a) != 0.0 || self.linear.jump_above(cell, a) != 0.0
+        });
+        if jumps {
+            return None;
+        }
+        if let Some(formulas) = &self.formulas
+            && self.formula(cell).is_some()
+        {
+            return Some(1 + formulas.of_cell[self.number(cell)]);
+        }
+        let is_level = *self.linear.slopes(cell) == [0.0; MAX_DIMENSION]
+            && self.curvatures(cell) == [0.0; MAX_DIMENSION];
+        is_level.then_some(0)
     }
+}
+
+/// The slopes of a smooth formula at a place; zero where they are not defined.
+pub(super) fn slopes(formula: &Expression, x: &[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION] {
+    let [_, slopes @ ..] = formula.value_and_slopes(&phase_point(x));
+    slopes.map(|slope| if slope.is_finite() { slope } else { 0.0 })
+}
+
+/// The point of phase space at a place, as formulas of `V` take it.
+fn phase_point(&[x, y, z]: &[f64; MAX_DIMENSION]) -> [f64; 6] {
+    [x, y, z, 0.0, 0.0, 0.0]
 }

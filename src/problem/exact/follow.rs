@@ -1,9 +1,10 @@
 //! Follows a particle through the cells of `V`, from face to face.
 //!
 //! Back in time, `(x, −v)` obeys Newton's equations again. That motion is followed here, with
-//! `w = −v`; forward in time, for measure-valued data ([`sheet`](super::sheet)), `w = v`. `V` is
-//! quadratic along each axis in a cell: a particle moves there on a parabola, an oscillation or an
-//! exponential (`motion`). `V` jumps at faces, where a particle obeys the rule of the scheme
+//! `w = −v`; forward in time, for measure-valued data ([`sheet`](super::sheet)), `w = v`. Where `V`
+//! is quadratic along each axis in a cell, a particle moves there on a parabola, an oscillation or
+//! an exponential (`motion`); where particles follow a formula, it is integrated (`orbit`). `V`
+//! jumps at faces, where a particle obeys the rule of the scheme
 //! (`scheme::interface`; `rise` is `V` before the face minus `V` behind it):
 //!
 //! ```text
@@ -20,14 +21,17 @@
 //! - If several faces are met at once, at an edge or a corner of a cell, that of the lowest axis is
 //!   crossed first.
 //!
-//! Uses cells (`V`), motion (between faces), traced_grid (blocks without slopes and jumps).
+//! Uses cells (`V`), motion and orbit (between faces), traced_grid (blocks without jumps).
 
 use crate::base::row_major::number;
 use crate::problem::exact::by_axes::REST;
-use crate::problem::exact::cells::TracedPotential;
+use crate::problem::exact::cells::{TracedPotential, slopes};
 use crate::problem::exact::motion::{Arrival, AxisMotion, CellForce, directed_ends};
+use crate::problem::exact::orbit::{OrbitBound, OrbitState, Orbits};
 use crate::problem::exact::traced_grid::free_layers;
+use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, AxisEnd, MAX_DIMENSION, PhaseSpace};
+use std::cell::Cell;
 
 /// Times closer than this fraction of the traced time are equal up to round-off. A face reached so
 /// close to time zero is not crossed.
@@ -53,7 +57,7 @@ pub struct TracedPath {
     /// Parts of the path on which `V` is linear, of a tracer with linear cells: one more than the
     /// faces with a jump of `V` or of its slope that were met.
     pub segments: usize,
-    /// Steps that were computed, each up to an end of a block of cells.
+    /// Steps that were computed, each up to an end of a block of cells, and evaluations of `V`.
     pub steps: usize,
 }
 
@@ -108,6 +112,8 @@ pub(super) struct TracedParticle {
     /// Axes along which the particle is not moved, as its path is followed along another axis
     /// alone.
     held: [bool; MAX_DIMENSION],
+    /// The length of the next step where the particle is followed by a formula of `V`.
+    orbit_step: f64,
     /// What it met so far. The end is not known yet.
     path: TracedPath,
 }
@@ -166,6 +172,10 @@ pub(super) struct Flow {
     pub free: Vec<u32>,
     /// Bound on the number of faces a particle meets in unit time.
     face_rate: f64,
+    /// The widths of the box, in space and then in velocity; 1 for absent axes.
+    scales: OrbitState,
+    /// The length of the first step along a path that a formula of `V` determines.
+    first_step: f64,
 }
 
 impl Flow {
@@ -184,7 +194,28 @@ impl Flow {
         let faces = |axis: &Axis| (0..=axis.cells as i64).map(|i| axis.face(i)).collect();
         let faces: Vec<Vec<f64>> = space.x.iter().map(faces).collect();
         let cells_per_length = space.x.iter().map(|axis| 1.0 / axis.width()).collect();
-        Self { space, potential, direction: -1.0, faces, cells_per_length, free, face_rate }
+        let mut scales = [1.0; 2 * MAX_DIMENSION];
+        for (a, (x, v)) in space.x.iter().zip(&space.v).enumerate() {
+            (scales[a], scales[MAX_DIMENSION + a]) = (x.upper - x.lower, v.upper - v.lower);
+        }
+        // A part of the time to cross the box, and of that to fall through it.
+        let shortest = |a: usize| {
+            let fastest = space.v[a].largest_magnitude();
+            (scales[a] / fastest).min((scales[a] / potential.steepest(a)).sqrt())
+        };
+        let first_step = (0..space.dimension()).map(shortest).fold(f64::INFINITY, f64::min) / 8.0;
+        let direction = -1.0;
+        Self {
+            space,
+            potential,
+            direction,
+            faces,
+            cells_per_length,
+            free,
+            face_rate,
+            scales,
+            first_step,
+        }
     }
 
     /// This flow, forward in time.
@@ -201,6 +232,7 @@ impl Flow {
             w: [0.0; MAX_DIMENSION],
             rests: [false; MAX_DIMENSION],
             held: [false; MAX_DIMENSION],
+            orbit_step: self.first_step,
             path: TracedPath {
                 history: 0xcbf2_9ce4_8422_2325,
                 ..TracedPath::at_start(*point, 0.0)
@@ -232,15 +264,12 @@ impl Flow {
         for _ in 0..self.most_faces(left) {
             particle.path.steps += 1;
             let block = self.block(&particle);
-            let event = self.next_event(&particle, &block, round_off);
-            let Some(event) = event.filter(|e| e.time < left - round_off) else {
-                self.advance(&mut particle, &block, left);
+            let Some(event) = self.move_to_event(&mut particle, &block, left, round_off) else {
                 for a in 0..self.faces.len() {
                     particle.x[a] = self.snapped_to_face(a, particle.x[a]);
                 }
                 break;
             };
-            self.advance(&mut particle, &block, event.time);
             left -= event.time;
             particle.w[event.axis] = event.w;
             let exit = match event.face {
@@ -323,6 +352,63 @@ impl Flow {
             block.motions[a] = force.motion(particle.x[a], particle.w[a]);
         }
         block
+    }
+
+    /// Moves the particle to its next event within a time `left`; `None` if there is none, and the
+    /// particle has moved for that time.
+    fn move_to_event(
+        &self,
+        particle: &mut TracedParticle,
+        block: &FreeBlock<'_>,
+        left: f64,
+        round_off: f64,
+    ) -> Option<Event> {
+        let in_time = |event: &Event| event.time < left - round_off;
+        if let Some(formula) = self.potential.formula(&particle.cell) {
+            return self.follow_orbit(particle, block, formula, left).filter(in_time);
+        }
+        let event = self.next_event(particle, block, round_off).filter(in_time);
+        self.advance(particle, block, event.map_or(left, |event| event.time));
+        event
+    }
+
+    /// Moves the particle under the force of `formula` for a time `left`, or to its first event.
+    fn follow_orbit(
+        &self,
+        particle: &mut TracedParticle,
+        block: &FreeBlock<'_>,
+        formula: &Expression,
+        left: f64,
+    ) -> Option<Event> {
+        let n = self.space.dimension();
+        let rests = particle.rests;
+        let moving = || (0..n).filter(|&a| !rests[a]);
+        let mut state = [0.0; 2 * MAX_DIMENSION];
+        state[..n].copy_from_slice(&particle.x[..n]);
+        let mut bounds = [[f64::NEG_INFINITY, f64::INFINITY]; 2 * MAX_DIMENSION];
+        for a in moving() {
+            state[MAX_DIMENSION + a] = particle.w[a];
+            bounds[a] = [block.lower[a], block.upper[a]];
+            bounds[MAX_DIMENSION + a] = directed_ends(&self.space.v[a], self.direction);
+        }
+        let evaluations = Cell::new(0);
+        let acceleration = |x: &[f64; MAX_DIMENSION]| {
+            evaluations.set(evaluations.get() + 1);
+            let slopes = slopes(formula, x);
+            std::array::from_fn(|a| if a < n && !rests[a] { -slopes[a] } else { 0.0 })
+        };
+        let orbits = Orbits { acceleration, bounds, scales: self.scales };
+        let end = orbits.follow(state, left, &mut particle.orbit_step);
+        particle.path.steps += evaluations.get();
+        for a in moving() {
+            particle.x[a] = end.state[a].max(block.lower[a]).min(block.upper[a]);
+            particle.w[a] = end.state[MAX_DIMENSION + a];
+        }
+        let OrbitBound { coordinate, upper } = end.bound?;
+        let axis = coordinate % MAX_DIMENSION;
+        let face = if upper { block.upper[axis] } else { block.lower[axis] };
+        let face = (coordinate < MAX_DIMENSION).then_some((face, upper));
+        Some(Event { time: end.time, axis, w: particle.w[axis], face })
     }
 
     /// The first event along any axis on which the particle moves. Of events within `round_off` of
@@ -444,6 +530,12 @@ impl Flow {
         let cell = &particle.cell;
         let mut behind = *cell;
         behind[a] = there;
+        let [mut from, mut to] = [particle.x; 2];
+        from[a] = self.faces[a][cell[a] + usize::from(upper)];
+        to[a] = self.faces[a][there + usize::from(!upper)];
+        if let Some(rise) = self.potential.rise_by_formulas([cell, &behind], [&from, &to]) {
+            return rise;
+        }
         let [slopes, slopes_behind] =
             [cell, &behind].map(|cell| self.potential.linear.slopes(cell));
         let [bends, bends_behind] = [cell, &behind].map(|cell| self.potential.curvatures(cell));
@@ -491,13 +583,9 @@ impl Flow {
     /// The distance by which a particle at a face can move away from the face within its cell:
     /// `w²/(2|slope|)` if the slope pushes it back in the direction `to_face`, else infinity.
     fn reach(&self, particle: &TracedParticle, a: usize, to_face: f64) -> f64 {
-        let is_free = self.potential.linear.slope(&particle.cell, a) == 0.0
-            && self.potential.curvatures(&particle.cell)[a] == 0.0;
-        if is_free {
-            return f64::INFINITY;
-        }
-        let face = self.faces[a][particle.cell[a] + usize::from(to_face > 0.0)];
-        let push = -self.potential.force(&particle.cell, a).slope_at(face) * to_face;
+        let mut at_face = particle.x;
+        at_face[a] = self.faces[a][particle.cell[a] + usize::from(to_face > 0.0)];
+        let push = -self.potential.slope_at(&particle.cell, a, &at_face) * to_face;
         if push > 0.0 { particle.w[a] * particle.w[a] / (2.0 * push) } else { f64::INFINITY }
     }
 

@@ -3,7 +3,7 @@
 use super::*;
 use crate::problem::case::Interface;
 use crate::problem::element::Nodes;
-use crate::problem::grid::PhaseSpace;
+use crate::problem::grid::{PhaseSpace, box_cells};
 use crate::scheme::interface::{Side, sources};
 
 /// A case with the same axes `(lower, upper, cells)` in each of `n` dimensions.
@@ -75,7 +75,9 @@ fn elements_are_cut_where_the_cells_approximate_the_potential() {
             (1, "2*x^3", [true, true]),
             (2, "2*x - y", [false, false]),
             (2, "x + y^2", [true, false]),
-            (2, "x*y", [true, true]),
+            // Particles follow the formula.
+            (2, "x*y", [true, false]),
+            (2, "abs(x*y)", [true, true]),
             // Odd slopes about the centre of an element.
             (1, "2*(x - 0.125)^4", [true, true]),
             (1, "sin(4*pi*x)", [true, true]),
@@ -521,6 +523,154 @@ fn a_curved_potential_is_traced_in_parts_of_cells() {
     };
     let [as_it_is, cut] = [tracer_of(&case, false), Tracer::new(&case).unwrap()].map(|t| worst(&t));
     assert!(as_it_is > 0.01 && cut < 1e-5, "{as_it_is} {cut}");
+}
+
+/// A tracer that follows the formulas of `case`, as `V` has another shape than its cells.
+fn by_formulas(case: &Case) -> Tracer<'_> {
+    let tracer = tracer_of(case, false);
+    let potential = &tracer.flow.potential;
+    let ranges = potential.space.space_ranges();
+    assert!(box_cells(&ranges).any(|cell| potential.formula(&cell).is_some()));
+    tracer
+}
+
+/// Coupled oscillations are sums of two independent ones, along the diagonals.
+#[test]
+fn coupled_oscillators_turn_in_their_normal_modes() {
+    let (x, v) = ((-9.0, 9.0, 12), (-9.0, 9.0, 12));
+    let case = case(2, x, v, &[("", "x^2/2 + y^2/2 + 0.6*x*y")], "1", "0");
+    let (tracer, time) = (by_formulas(&case), 7.3);
+    for point in spread(&case.space, 200, 0.4) {
+        let [x, y, _, vx, vy, _] = point;
+        let mut expected = [0.0; 6];
+        for (sign, stiffness) in [(1.0, 1.6), (-1.0, 0.4f64)] {
+            let rate = stiffness.sqrt();
+            let (sin, cos) = (rate * time).sin_cos();
+            let [q, p] = [0.5 * (x + sign * y), 0.5 * (vx + sign * vy)];
+            let [q, p] = [q * cos - p / rate * sin, p * cos + q * rate * sin];
+            for (slot, part) in [(0, q), (1, sign * q), (3, p), (4, sign * p)] {
+                expected[slot] += part;
+            }
+        }
+        let foot = tracer.foot(&point, time);
+        let off = distance(&foot.point, &expected);
+        assert!(foot.entry == 0.0 && off < 1e-10, "{point:?}: {foot:?}, not {expected:?}");
+    }
+}
+
+/// Where a sum over the axes is followed by its formula, motions are those of each axis alone.
+#[test]
+fn formulas_of_sums_give_the_motions_along_each_axis() {
+    for n in [2, 3] {
+        let (x, v) = ((-4.0, 4.0, 8), (-3.0, 3.0, 8));
+        let sum = ["cos(x)", "cos(y)", "cos(z)"][..n].join(" + ");
+        let case = case(n, x, v, &[("", &sum)], "1", "0");
+        let tracer = by_formulas(&case);
+        for point in spread(&case.space, 60, 0.6) {
+            let foot = tracer.foot(&point, 1.9);
+            let alone = |a: usize| origin([point[a], point[3 + a]], 1.9, |x| -x.sin());
+            let expected: Vec<[f64; 6]> = (0..n).map(alone).collect();
+            if foot.entry > 0.0 {
+                assert!(expected.iter().any(|end| end[0].abs().max(end[3].abs() + 1.0) > 3.9));
+                continue;
+            }
+            for (a, end) in expected.iter().enumerate() {
+                let off = (foot.point[a] - end[0]).abs().max((foot.point[3 + a] - end[3]).abs());
+                assert!(off < 1e-9, "{n}, {a}: {point:?}: {foot:?}, not {end:?}");
+            }
+        }
+    }
+}
+
+/// Curved surfaces of `V` on both sides of jumps, around corners and periodic axes, in two and
+/// three dimensions.
+fn smooth_hills() -> Vec<Case> {
+    let hill = "0.4*exp(-(x - 0.2)^2 - 2*(y + 0.1)^2)";
+    let [higher, sloped] = ["0.15 + 0.05*y + ", "x*y/5 + "].map(|more| format!("{more}{hill}"));
+    let (x, v) = ((-1.5, 1.5, 12), (-1.5, 1.5, 8));
+    let two = |regions: &[(&str, &str)]| case(2, x, v, regions, "1 + x", "2 + x*y");
+    let mut around = two(&[("x > 0.5", "0.1*cos(2*pi*y/3)"), ("", "0.2*sin(2*pi*(x + y)/3)")]);
+    around.space.periodic = [true, true, false];
+    let hollow = "x^2/2 + y^2/2 + z^2/2 - x*y*z";
+    let cube = "x > 0.25 && y > 0 && z > -0.5";
+    vec![
+        two(&[("", hill)]),
+        two(&[("x > 0", higher.as_str()), ("", hill)]),
+        two(&[("x > 0 && y > -0.5", higher.as_str()), ("x < -0.75", &sloped), ("", "0.1")]),
+        two(&[("abs(x) < 0.5 && abs(y) < 1", "-0.3*cos(x)*cos(y)"), ("", "0")]),
+        around,
+        case(3, x, v, &[(cube, "0.3 + x*y*z/4"), ("", hollow)], "1", "x"),
+    ]
+}
+
+#[test]
+fn smooth_potentials_keep_energy_and_can_be_reversed() {
+    for case in smooth_hills() {
+        let (back, forward) = (by_formulas(&case), by_formulas(&case).forward());
+        let mut met = 0;
+        for point in spread(&case.space, 300, 0.95) {
+            let foot = back.follow(&point, 2.5);
+            let drift = energy(&case, &foot.point) - energy(&case, &point);
+            // At an end of the box, and beside a jump that threw the particle out, `V` is another.
+            let inside = foot.exit.is_none_or(|exit| !exit.at_jump);
+            assert!(!inside || drift.abs() < 1e-9, "{point:?}: {foot:?}, {drift}");
+            if foot.remaining.is_none() {
+                let there = forward.follow(&foot.point, 2.5);
+                let off = distance(&there.point, &point);
+                assert!(off < 1e-7, "{point:?}: {foot:?}, back at {there:?}");
+                met += usize::from(foot.history != 0xcbf2_9ce4_8422_2325);
+            }
+        }
+        assert!(met > 10 || case.potential.len() == 1, "{met} jumps met");
+    }
+}
+
+/// Paths by short steps of Runge and Kutta, up to the end of the box.
+#[test]
+fn particles_leave_smooth_potentials_where_they_should() {
+    let (x, v) = ((-1.0, 1.0, 6), (-0.9, 1.1, 6));
+    let case = case(2, x, v, &[("", "0.5*x*y + 0.3*exp(-x^2 - y^2)")], "1", "0");
+    let force = |[x, y]: [f64; 2]| {
+        let hill = 0.6 * (-x * x - y * y).exp();
+        [hill * x - 0.5 * y, hill * y - 0.5 * x]
+    };
+    let tracer = by_formulas(&case);
+    let mut left = 0;
+    for point in spread(&case.space, 100, 0.9) {
+        let path = tracer.follow(&point, 3.0);
+        let time = 3.0 - path.remaining.unwrap_or(0.0);
+        const STEPS: usize = 4000;
+        let h = time / STEPS as f64;
+        let rate = |s: [f64; 4]| {
+            let [fx, fy] = force([s[0], s[1]]);
+            [s[2], s[3], fx, fy]
+        };
+        let plus = |s: [f64; 4], k: [f64; 4], h: f64| std::array::from_fn(|c| s[c] + h * k[c]);
+        let mut s = [point[0], point[1], -point[3], -point[4]];
+        for step in 0..STEPS {
+            let k1 = rate(s);
+            let k2 = rate(plus(s, k1, 0.5 * h));
+            let k3 = rate(plus(s, k2, 0.5 * h));
+            let k4 = rate(plus(s, k3, h));
+            for (k, weight) in [(k1, 1.0), (k2, 2.0), (k3, 2.0), (k4, 1.0)] {
+                s = plus(s, k, h * weight / 6.0);
+            }
+            let inside = s[0].abs().max(s[1].abs()) <= 1.0
+                && [s[2], s[3]].iter().all(|w| (-1.1..=0.9).contains(w));
+            assert!(inside || step + 3 > STEPS, "{point:?} leaves earlier than {path:?}");
+        }
+        let expected = [s[0], s[1], 0.0, -s[2], -s[3], 0.0];
+        assert!(distance(&path.point, &expected) < 1e-8, "{point:?}: {path:?}, {expected:?}");
+        if let Some(exit) = path.exit {
+            let [at, ends] = match exit.end.axis {
+                a @ 0..2 => [[path.point[a]; 2], [-1.0, 1.0]],
+                a => [[path.point[a + 1]; 2], [-0.9, 1.1]],
+            };
+            assert!((at[0] - ends[usize::from(exit.end.upper)]).abs() < 1e-12, "{path:?}");
+            left += 1;
+        }
+    }
+    assert!((30..100).contains(&left), "{left} of 100 leave");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::element::Nodes;
+use crate::problem::exact::by_axes::moves_by_axes;
 use crate::problem::exact::cells::TracedPotential;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
 use crate::problem::potential::{ElementShape, Potential, region_edges};
@@ -14,14 +15,16 @@ const FEW_EDGES: usize = 8;
 /// Least degree of the elements with which the shape of `V` is detected.
 const CURVATURE_DEGREE: usize = 3;
 
-/// By space cell, row-major: the number of layers of cells around it that are, like itself, free of
-/// slopes and jumps.
+/// By space cell, row-major: the number of layers of cells around it in which `V` is, as in itself,
+/// the same function ([`TracedPotential::piece`]).
 pub(super) fn free_layers(potential: &TracedPotential) -> Vec<u32> {
     let space = &potential.space;
     let n = space.dimension();
-    let layers = |i| if potential.is_free(&i) { u32::MAX } else { 0 };
-    let mut distance: Vec<u32> = box_cells(&space.space_ranges()).map(layers).collect();
-    // Chebyshev distance to the nearest cell that is not free, by one sweep up and one down
+    let pieces: Vec<_> =
+        box_cells(&space.space_ranges()).map(|cell| potential.piece(&cell)).collect();
+    let layers = |piece: &Option<u16>| if piece.is_some() { u32::MAX } else { 0 };
+    let mut distance: Vec<u32> = pieces.iter().map(layers).collect();
+    // Chebyshev distance to the nearest cell of another piece, by one sweep up and one down
     // (Rosenfeld and Pfaltz 1966), over the neighbours that come before a cell in row-major order
     // and over their mirror images.
     let mut before: Vec<_> = box_cells(&vec![0..3; n]).map(|d| d.map(|d| d as i64 - 1)).collect();
@@ -40,7 +43,9 @@ pub(super) fn free_layers(potential: &TracedPotential) -> Vec<u32> {
                     neighbour = neighbour * cells + j;
                 }
                 if inside {
-                    least = least.min(distance[of_cell(neighbour as usize)].saturating_add(1));
+                    let at = of_cell(neighbour as usize);
+                    let layers = if pieces[at] == pieces[k] { distance[at] } else { 0 };
+                    least = least.min(layers.saturating_add(1));
                 }
             }
             distance[k] = distance[k].min(least);
@@ -97,6 +102,8 @@ const FINE_CELLS: usize = 128;
 const CELL_BYTES: u64 = 52;
 /// Memory of the curvatures in a space cell.
 const CURVATURE_BYTES: u64 = 24;
+/// Memory of the number of a cell's formula.
+const FORMULA_BYTES: u64 = 2;
 
 /// The grid on which particles are traced.
 pub(super) struct TracedGrid {
@@ -104,22 +111,55 @@ pub(super) struct TracedGrid {
     pub space: PhaseSpace,
     /// Whether `V` may be curved in a cell.
     pub is_bent: bool,
-    /// Whether `V` has another shape in the elements than in the cells.
+    /// Whether particles follow the formulas of `V`.
+    pub by_formulas: bool,
+    /// Whether `V` has another shape in the elements than in the cells, and is not followed by its
+    /// formulas.
     pub is_approximate: bool,
-    /// Whether `V` is exact in the cells, or approximated on enough of them.
+    /// Whether `V` is exact, or approximated on enough cells.
     pub is_accurate: bool,
+}
+
+impl TracedGrid {
+    /// The grid for `case`, by `V` in the elements of `sample`, in which it has this `shape`.
+    fn new(case: &Case, sample: &Case, shape: ElementShape, most: MostCells) -> Self {
+        let is_approximate = most.approximates(shape);
+        let edges = region_edges(sample);
+        let space = cut_elements(case, &edges, most, is_approximate);
+        let is_bent = may_bend(case, &space, shape, most);
+        let is_fine = space.x.iter().all(|axis| axis.cells == 1 || axis.cells >= FINE_CELLS);
+        let is_accurate = !is_approximate || is_fine;
+        let by_cells = Self { space, is_bent, by_formulas: false, is_approximate, is_accurate };
+        if !is_approximate || most.is_linear || !has_smooth_formulas(case) {
+            return by_cells;
+        }
+        let by_axes = || {
+            let space = cut_elements(sample, &edges, most, false);
+            let potential = TracedPotential::new(sample, space, true);
+            potential.is_ok_and(|potential| moves_by_axes(&potential))
+        };
+        if is_fine && (case.space.dimension() == 1 || by_axes()) {
+            return by_cells;
+        }
+        let space = cut_elements(case, &edges, most, false);
+        Self { space, is_bent: true, by_formulas: true, is_approximate: false, is_accurate: true }
+    }
+}
+
+/// Whether `V` is a smooth formula in each region.
+fn has_smooth_formulas(case: &Case) -> bool {
+    case.potential.iter().all(|region| region.value.is_smooth())
 }
 
 /// The grid on which particles are traced. Its cells are the case's elements, cut into parts for
 /// two reasons: if `V` is approximated in the cells, into as many as `most` allows; and if an edge
 /// of a region lies inside of an element, so that it comes to lie on a face.
+///
+/// Particles follow the formulas of `V` where these are smooth, if parabolas in the cells are not
+/// exact. The exceptions are one dimension, and motions along the axes that are independent of each
+/// other: a path through many cells takes less time there.
 pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
-    let shape = element_shape(case)?;
-    let is_approximate = most.approximates(shape);
-    let space = cut_elements(case, &region_edges(case), most, is_approximate);
-    let is_bent = may_bend(case, &space, shape, most);
-    let is_fine = space.x.iter().all(|axis| axis.cells == 1 || axis.cells >= FINE_CELLS);
-    Ok(TracedGrid { space, is_bent, is_approximate, is_accurate: !is_approximate || is_fine })
+    Ok(TracedGrid::new(case, case, element_shape(case)?, most))
 }
 
 /// Whether `V`, of this `shape` in the case's elements, may be curved in a cell of `space`. Cells
@@ -130,9 +170,9 @@ fn may_bend(case: &Case, space: &PhaseSpace, shape: ElementShape, most: MostCell
     !most.is_linear && (shape > ElementShape::Linear || is_cut)
 }
 
-/// The space of a tracer, and whether `V` may be curved in its cells, by a sample of elements: up
-/// to 64 along an axis in one and two dimensions, up to 16 in three.
-fn sampled_space(case: &Case, most: MostCells) -> (PhaseSpace, bool) {
+/// About the grid of a tracer, by a sample of elements: up to 64 along an axis in one and two
+/// dimensions, up to 16 in three.
+fn sampled_grid(case: &Case, most: MostCells) -> TracedGrid {
     const SAMPLED: [usize; MAX_DIMENSION] = [64, 64, 16];
     let mut sample = case.clone();
     let sampled = SAMPLED[case.space.dimension() - 1];
@@ -141,22 +181,22 @@ fn sampled_space(case: &Case, most: MostCells) -> (PhaseSpace, bool) {
     }
     // Where V of the sample is not finite, that of the case may be.
     let shape = element_shape(&sample).unwrap_or(ElementShape::General);
-    let space = cut_elements(case, &region_edges(&sample), most, most.approximates(shape));
-    let is_bent = may_bend(case, &space, shape, most);
-    (space, is_bent)
+    TracedGrid::new(case, &sample, shape, most)
 }
 
 /// About the memory of a [`Tracer::with_cells`](super::Tracer::with_cells), in bytes: `V` in its
 /// space cells.
 pub fn traced_bytes(case: &Case, most: MostCells) -> u64 {
-    let (space, is_bent) = sampled_space(case, most);
-    space.space_cells() as u64 * (CELL_BYTES + if is_bent { CURVATURE_BYTES } else { 0 })
+    let TracedGrid { space, is_bent, by_formulas, .. } = sampled_grid(case, most);
+    let of_curvature = if is_bent { CURVATURE_BYTES } else { 0 };
+    let of_formulas = if by_formulas { FORMULA_BYTES } else { 0 };
+    space.space_cells() as u64 * (CELL_BYTES + of_curvature + of_formulas)
 }
 
 /// About the number of space cells of a [`Tracer::with_cells`](super::Tracer::with_cells) along an
 /// axis, as a mean over the axes.
 pub fn traced_cells_of_axis(case: &Case, most: MostCells) -> f64 {
-    (sampled_space(case, most).0.space_cells() as f64).powf(1.0 / case.space.dimension() as f64)
+    (sampled_grid(case, most).space.space_cells() as f64).powf(1.0 / case.space.dimension() as f64)
 }
 
 /// The elements of the case, cut into parts. `edges` are those of the regions, by axis.

@@ -1,8 +1,8 @@
 //! Reads the text of a formula by recursive descent.
 
 use crate::problem::formula::tree::{
-    Binary, COMPARISONS, ELSE, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, FormulaNode, IF, OPERATORS,
-    POWER, compare,
+    Binary, COMPARISONS, ELSE, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, FormulaNode, IF, NEGATIVE,
+    OPERATORS, POWER, Unary, compare,
 };
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -37,6 +37,7 @@ pub(super) fn parse(
         constants,
         zero_divisions: Vec::new(),
         condition: None,
+        ifs: 0,
     };
     let tree = parser.expression()?;
     if let Some(Token { text, at }) = parser.peek() {
@@ -154,6 +155,8 @@ struct Parser<'a> {
     zero_divisions: Vec<usize>,
     /// The condition of the last `if` that was read, if it is constant.
     condition: Option<f64>,
+    /// Number of `if` that were read.
+    ifs: usize,
 }
 
 impl<'a> Parser<'a> {
@@ -202,7 +205,7 @@ impl<'a> Parser<'a> {
     /// Reads `tighter (operator tighter)*` with the operators of `precedence`.
     fn chain(&mut self, precedence: usize) -> Result<FormulaNode, String> {
         let Some(operators) = OPERATORS.get(precedence) else { return self.nested(Self::operand) };
-        let first_division = self.zero_divisions.len();
+        let (first_division, mut ifs) = (self.zero_divisions.len(), self.ifs);
         let mut first = self.chain(precedence + 1)?;
         let mut rest: Vec<(Binary, FormulaNode)> = Vec::new();
         let mut compared = false;
@@ -216,9 +219,13 @@ impl<'a> Parser<'a> {
                     "a second comparison, \"{text}\", at character {at}; write a < x && x < b"
                 ));
             }
+            if precedence == ELSE && self.ifs == ifs {
+                return Err(format!("\"else\" at character {at} without an \"if\" before it"));
+            }
             compared = precedence == COMPARISONS;
             self.position += 1;
             let division = self.zero_divisions.len();
+            ifs = self.ifs;
             let right = self.chain(precedence + 1)?;
             let value = if let FormulaNode::Number(value) = right { Some(value) } else { None };
             match precedence {
@@ -227,6 +234,7 @@ impl<'a> Parser<'a> {
                 }
                 ELSE => condition = self.condition.take(),
                 IF => {
+                    self.ifs += 1;
                     condition = value;
                     if value == Some(0.0) {
                         self.zero_divisions.drain(first_division..division);
@@ -252,10 +260,10 @@ impl<'a> Parser<'a> {
             return self.nested(Self::operand);
         }
         if self.accept("-") {
-            return Ok(FormulaNode::function(|a| -a, self.nested(Self::operand)?));
+            return Ok(FormulaNode::function(NEGATIVE, self.nested(Self::operand)?));
         }
         if self.accept("!") {
-            let not = |a| compare(a, a, |a, _| a == 0.0);
+            let not = Unary::broken(|a| compare(a, a, |a, _| a == 0.0));
             return Ok(FormulaNode::function(not, self.nested(Self::operand)?));
         }
         let base = self.primary()?;

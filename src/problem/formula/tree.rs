@@ -1,7 +1,9 @@
 //! A formula as a tree of operators and functions, and its values at one point or at many.
 
+use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::COORDINATES;
 use crate::problem::table::Table;
+use std::f64::consts::LN_10;
 use std::sync::Arc;
 
 /// Number of points at which a formula is evaluated together.
@@ -9,8 +11,30 @@ pub(super) const LANES: usize = 16;
 /// One number for each of these points.
 pub(super) type FormulaLanes = [f64; LANES];
 
+/// A value, and its derivatives by the coordinates of space.
+pub(super) type ValueAndSlopes = [f64; 1 + MAX_DIMENSION];
+
 /// A function of one number.
-type Unary = fn(f64) -> f64;
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Unary {
+    of: fn(f64) -> f64,
+    /// Its derivative; `None` if it jumps or has a kink.
+    slope: Option<fn(f64) -> f64>,
+}
+
+impl Unary {
+    const fn smooth(of: fn(f64) -> f64, slope: fn(f64) -> f64) -> Self {
+        Self { of, slope: Some(slope) }
+    }
+
+    /// A function that jumps or has a kink.
+    pub(super) const fn broken(of: fn(f64) -> f64) -> Self {
+        Self { of, slope: None }
+    }
+}
+
+/// The derivatives of a function of two numbers by each of them.
+type SlopesOfTwo = [fn(f64, f64) -> f64; 2];
 
 /// An operator between two numbers, or a function of two.
 #[derive(Clone, Copy, Debug)]
@@ -19,12 +43,17 @@ pub(super) struct Binary {
     pub(super) of: fn(f64, f64) -> f64,
     /// Replaces the left numbers by the values of many pairs, with the same bits as `of`.
     each: fn(&mut FormulaLanes, &FormulaLanes),
+    /// Its derivatives; `None` if it jumps or has a kink.
+    slopes: Option<SlopesOfTwo>,
 }
 
-/// The [`Binary`] of a closure or a function.
+/// The [`Binary`] of a closure or a function, and of its derivatives, if it is smooth.
 macro_rules! binary {
     ($of:expr) => {
-        Binary { of: $of, each: |left, right| each_of($of, left, right) }
+        Binary { of: $of, each: |left, right| each_of($of, left, right), slopes: None }
+    };
+    ($of:expr, $slopes:expr) => {
+        Binary { slopes: Some($slopes), ..binary!($of) }
     };
 }
 
@@ -55,8 +84,11 @@ pub(super) const OPERATORS: [&[(&str, Binary)]; 7] = [
         ("<", binary!(|a, b| compare(a, b, |a, b| a < b))),
         (">", binary!(|a, b| compare(a, b, |a, b| a > b))),
     ],
-    &[("+", binary!(|a, b| a + b)), ("-", binary!(|a, b| a - b))],
-    &[("*", TIMES), ("/", binary!(|a, b| a / b))],
+    &[
+        ("+", binary!(|a, b| a + b, [|_, _| 1.0, |_, _| 1.0])),
+        ("-", binary!(|a, b| a - b, [|_, _| 1.0, |_, _| -1.0])),
+    ],
+    &[("*", TIMES), ("/", binary!(|a, b| a / b, [|_, b| 1.0 / b, |a, b| -a / (b * b)]))],
 ];
 /// The precedence of `else`.
 pub(super) const ELSE: usize = 0;
@@ -66,31 +98,33 @@ pub(super) const IF: usize = 1;
 pub(super) const COMPARISONS: usize = 4;
 
 pub(super) const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
-    ("abs", f64::abs),
-    ("sqrt", f64::sqrt),
-    ("cbrt", f64::cbrt),
-    ("exp", f64::exp),
-    ("ln", f64::ln),
-    ("log", f64::ln),
-    ("log10", f64::log10),
-    ("sin", f64::sin),
-    ("cos", f64::cos),
-    ("tan", f64::tan),
-    ("asin", f64::asin),
-    ("acos", f64::acos),
-    ("atan", f64::atan),
-    ("sinh", f64::sinh),
-    ("cosh", f64::cosh),
-    ("tanh", f64::tanh),
-    ("floor", f64::floor),
-    ("ceil", f64::ceil),
-    ("step", |a| compare(a, 0.0, |a, b| a > b)),
-    ("sign", |a| compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b)),
+    ("abs", Unary::broken(f64::abs)),
+    ("sqrt", Unary::smooth(f64::sqrt, |a| 0.5 / a.sqrt())),
+    ("cbrt", Unary::smooth(f64::cbrt, |a| 1.0 / (3.0 * a.cbrt() * a.cbrt()))),
+    ("exp", Unary::smooth(f64::exp, f64::exp)),
+    ("ln", Unary::smooth(f64::ln, |a| 1.0 / a)),
+    ("log", Unary::smooth(f64::ln, |a| 1.0 / a)),
+    ("log10", Unary::smooth(f64::log10, |a| 1.0 / (LN_10 * a))),
+    ("sin", Unary::smooth(f64::sin, f64::cos)),
+    ("cos", Unary::smooth(f64::cos, |a| -a.sin())),
+    ("tan", Unary::smooth(f64::tan, |a| 1.0 + a.tan() * a.tan())),
+    ("asin", Unary::smooth(f64::asin, |a| 1.0 / (1.0 - a * a).sqrt())),
+    ("acos", Unary::smooth(f64::acos, |a| -1.0 / (1.0 - a * a).sqrt())),
+    ("atan", Unary::smooth(f64::atan, |a| 1.0 / (1.0 + a * a))),
+    ("sinh", Unary::smooth(f64::sinh, f64::cosh)),
+    ("cosh", Unary::smooth(f64::cosh, f64::sinh)),
+    ("tanh", Unary::smooth(f64::tanh, |a| 1.0 - a.tanh() * a.tanh())),
+    ("floor", Unary::broken(f64::floor)),
+    ("ceil", Unary::broken(f64::ceil)),
+    ("step", Unary::broken(|a| compare(a, 0.0, |a, b| a > b))),
+    ("sign", Unary::broken(|a| compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b))),
 ];
+/// The operator `-a`.
+pub(super) const NEGATIVE: Unary = Unary::smooth(|a| -a, |_| -1.0);
 pub(super) const FUNCTIONS_OF_TWO: [(&str, Binary); 3] = [
     ("min", binary!(|a, b| choose(a, b, f64::min))),
     ("max", binary!(|a, b| choose(a, b, f64::max))),
-    ("atan2", binary!(f64::atan2)),
+    ("atan2", binary!(f64::atan2, [|a, b| b / (a * a + b * b), |a, b| -a / (a * a + b * b)])),
 ];
 
 /// A comparison or a logical operation; NaN if an operand is NaN.
@@ -136,9 +170,24 @@ fn powers(left: &mut FormulaLanes, right: &FormulaLanes) {
 }
 
 /// The operator `a^b`.
-pub(super) const POWER: Binary = Binary { of: power, each: powers };
+pub(super) const POWER: Binary = Binary {
+    of: power,
+    each: powers,
+    slopes: Some([|a, b| b * power(a, b - 1.0), |a, b| power(a, b) * a.ln()]),
+};
 /// The product of two numbers.
-pub(super) const TIMES: Binary = binary!(|a, b| a * b);
+pub(super) const TIMES: Binary = binary!(|a, b| a * b, [|_, b| b, |a, _| a]);
+
+/// Derivatives times a factor of the chain rule. What does not vary has no part in it, even where
+/// the factor is infinite.
+#[inline(always)]
+fn scaled(factor: f64, slopes: &ValueAndSlopes) -> ValueAndSlopes {
+    if factor.is_finite() {
+        slopes.map(|slope| factor * slope)
+    } else {
+        slopes.map(|slope| if slope == 0.0 { 0.0 } else { factor * slope })
+    }
+}
 
 /// A formula as a tree. Operations on numbers alone are carried out when it is built.
 #[derive(Clone, Debug)]
@@ -160,7 +209,7 @@ impl FormulaNode {
     /// The tree of `function(argument)`.
     pub(super) fn function(function: Unary, argument: FormulaNode) -> Self {
         match argument {
-            Self::Number(a) => Self::Number(function(a)),
+            Self::Number(a) => Self::Number((function.of)(a)),
             _ => Self::Function(function, Box::new(argument)),
         }
     }
@@ -177,13 +226,80 @@ impl FormulaNode {
         match self {
             Self::Number(value) => *value,
             Self::Coordinate(position) => coordinates[*position],
-            Self::Function(function, argument) => function(argument.eval(coordinates)),
+            Self::Function(function, argument) => (function.of)(argument.eval(coordinates)),
             Self::Table(table) => table.eval(coordinates),
             Self::Unread(_) => f64::NAN,
             Self::Chain(first, rest) => (rest.iter())
                 .fold(first.eval(coordinates), |left, (operator, right)| {
                     (operator.of)(left, right.eval(coordinates))
                 }),
+        }
+    }
+
+    /// The value of a smooth formula, and its derivatives: `a'` by the chain rule, operator by
+    /// operator. NaN where the formula is not smooth.
+    pub(super) fn value_and_slopes(&self, coordinates: &[f64]) -> ValueAndSlopes {
+        match self {
+            Self::Coordinate(position) => {
+                let mut found = [0.0; 1 + MAX_DIMENSION];
+                found[0] = coordinates[*position];
+                if let Some(own) = found.get_mut(1 + position) {
+                    *own = 1.0;
+                }
+                found
+            }
+            Self::Function(function, argument) => {
+                let inner = argument.value_and_slopes(coordinates);
+                let factor = function.slope.map_or(f64::NAN, |slope| slope(inner[0]));
+                let mut found = scaled(factor, &inner);
+                found[0] = (function.of)(inner[0]);
+                found
+            }
+            Self::Chain(first, rest) => {
+                let mut left = first.value_and_slopes(coordinates);
+                for (operator, node) in rest {
+                    let [by_left, by_right] = operator.slopes.unwrap_or([|_, _| f64::NAN; 2]);
+                    left = match node {
+                        // The other derivative is not needed, and may be expensive.
+                        &Self::Number(right) => {
+                            let mut found = scaled(by_left(left[0], right), &left);
+                            found[0] = (operator.of)(left[0], right);
+                            found
+                        }
+                        _ => {
+                            let right = node.value_and_slopes(coordinates);
+                            let parts = [
+                                scaled(by_left(left[0], right[0]), &left),
+                                scaled(by_right(left[0], right[0]), &right),
+                            ];
+                            let mut found = std::array::from_fn(|c| parts[0][c] + parts[1][c]);
+                            found[0] = (operator.of)(left[0], right[0]);
+                            found
+                        }
+                    };
+                }
+                left
+            }
+            Self::Number(_) | Self::Table(_) | Self::Unread(_) => {
+                let mut found = [0.0; 1 + MAX_DIMENSION];
+                found[0] = self.eval(coordinates);
+                found
+            }
+        }
+    }
+
+    /// Whether the formula has no operation with jumps or kinks.
+    pub(super) fn is_smooth(&self) -> bool {
+        match self {
+            Self::Number(_) | Self::Coordinate(_) => true,
+            Self::Table(_) | Self::Unread(_) => false,
+            Self::Function(function, argument) => function.slope.is_some() && argument.is_smooth(),
+            Self::Chain(first, rest) => {
+                let smooth = |(operator, node): &(Binary, Self)| {
+                    operator.slopes.is_some() && node.is_smooth()
+                };
+                first.is_smooth() && rest.iter().all(smooth)
+            }
         }
     }
 
@@ -198,7 +314,7 @@ impl FormulaNode {
             Self::Coordinate(position) => *values = coordinates[*position],
             Self::Function(function, argument) => {
                 argument.eval_each(coordinates, values);
-                values.iter_mut().for_each(|value| *value = function(*value));
+                values.iter_mut().for_each(|value| *value = (function.of)(*value));
             }
             Self::Table(_) | Self::Unread(_) => {
                 for (lane, value) in values.iter_mut().enumerate() {

@@ -7,7 +7,7 @@ use crate::problem::grid::{MAX_DIMENSION, describe_point};
 use crate::problem::potential::pieces::{PotentialPiece, piece, space_point};
 
 /// A jump below this fraction of `V` is round-off of two formulas that agree at the face.
-const KINK: f64 = 1e-13;
+pub const KINK: f64 = 1e-13;
 
 /// Evaluates a case's potential, and remembers the first value that is not finite.
 pub(super) struct PotentialValues<'c> {

@@ -473,7 +473,8 @@ mod tests {
         let (coarse, fine) = (quartic(16), quartic(8192));
         let by_cells = Tracer::new(&fine).expect("V is finite");
         let plane = "exp(-20*(x - 0.8)^2 - 20*(y + 0.2)^2 - 20*vx^2 - 20*vy^2)";
-        let coupled = text(16, 2, "0.5*(x^2 + y^2) + 0.3*x*y", plane, 12.0);
+        // A formula with a kink is not followed as such.
+        let coupled = text(16, 2, "0.5*(x^2 + y^2) + 0.3*x*y + 0*abs(x)", plane, 12.0);
         let by_modes = |point: &[f64; 6]| {
             let back = |sign: f64| {
                 let rate = (1.0 + 0.3 * sign).sqrt();

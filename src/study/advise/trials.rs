@@ -32,8 +32,6 @@ const UPDATES_PER_FORMULA: f64 = 8.0;
 const UPDATES_PER_STEP: f64 = 5.0;
 /// Cells for each node of an element over which densities are averaged to be compared.
 pub const CELLS_PER_NODE: usize = 2;
-/// Particles that are traced to count the steps of their paths.
-const TRACED: usize = 200;
 /// Part of the budget that the integrals of the exact solution may take in a trial.
 const FOR_EXACT: f64 = 0.25;
 
@@ -109,9 +107,8 @@ impl ExactPaths {
     /// As [`Tracer::with_cells`].
     fn of(case: &Case) -> Result<Self> {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
-        let points = case.space.random_points(TRACED);
-        let steps: usize = points.iter().map(|at| tracer.follow(at, case.end).steps).sum();
-        Ok(Self { steps: steps as f64 / TRACED as f64, is_approximate: tracer.is_approximate })
+        let steps = tracer.mean_steps(case.end);
+        Ok(Self { steps, is_approximate: tracer.is_approximate })
     }
 }
 

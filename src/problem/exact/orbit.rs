@@ -1,0 +1,352 @@
+//! Motion in a smooth `V`, by numerical integration of `x'' = −∇V(x)`.
+//!
+//! A step extrapolates Störmer–Verlet steps of `h/k`, `k = 1, 2, …`, whose errors are series in
+//! `(h/k)²`, to `k → ∞` (Gragg 1965; Hairer, Nørsett and Wanner, *Solving Ordinary Differential
+//! Equations I*, section II.14). It takes as many columns as the tolerance needs; `k` of them have
+//! order `2k`. The bounds that an orbit meets within a step are found on cubic Hermite polynomials,
+//! and reached by shorter steps.
+
+use crate::problem::grid::MAX_DIMENSION;
+
+/// Largest number of columns of an extrapolation.
+const COLUMNS: usize = 10;
+/// A step is accepted if the last two columns differ by less than this part of the scales.
+const TOLERANCE: f64 = 1e-11;
+/// Factors of the length of the next step, by the number of columns that a step took.
+const GROWTH: [f64; COLUMNS] = [4.0, 4.0, 3.0, 2.0, 1.6, 1.3, 1.15, 1.0, 0.9, 0.7];
+/// Factor of the length of a step that was not accurate.
+const SHRINK: f64 = 0.4;
+/// Steps shorter than this part of the time are not taken: `V` is singular there.
+const SHORTEST: f64 = 1e-13;
+/// Most steps of an orbit: one that takes more is not followed on.
+const MOST_STEPS: usize = 1 << 16;
+
+/// Places of a step at which bounds are looked for.
+const PLACES: u32 = 8;
+/// Where a coordinate turns around before a bound, in a distance below this part of its way, the
+/// bound is looked for in shorter steps.
+const NEAR: f64 = 0.1;
+/// A coordinate this close to a bound, as a part of its scale, has reached it.
+const REACHED: f64 = 1e-14;
+/// A coordinate beyond its bound by less than this part of its scale reaches it later.
+const BEYOND: f64 = 1e-9;
+/// Most steps to a bound. Newton's method halves the time left where an orbit just touches it.
+const CORRECTIONS: usize = 28;
+
+/// Positions, then velocities.
+pub(super) type OrbitState = [f64; 2 * MAX_DIMENSION];
+
+/// A particle, and the derivatives of its position and velocity.
+#[derive(Clone, Copy, Debug)]
+struct Orbit {
+    state: OrbitState,
+    slopes: OrbitState,
+}
+
+/// A bound of a coordinate of the state.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct OrbitBound {
+    /// The number of the coordinate.
+    pub coordinate: usize,
+    /// Whether it is the upper bound.
+    pub upper: bool,
+}
+
+/// An orbit after a time, or at the first bound that it reaches.
+pub(super) struct OrbitEnd {
+    /// The state. At a bound, the coordinate has its value.
+    pub state: OrbitState,
+    /// The time that passed.
+    pub time: f64,
+    /// The bound.
+    pub bound: Option<OrbitBound>,
+}
+
+/// What an orbit meets within a step.
+enum StepEvent {
+    /// It stays within its bounds.
+    Nothing,
+    /// It may leave them and come back: only shorter steps can tell.
+    Unclear,
+    /// It reaches a bound after about this time.
+    Bound { bound: OrbitBound, time: f64 },
+}
+
+/// A step of an orbit.
+enum Stretch {
+    /// It was taken, with so many columns.
+    Whole { end: Orbit, columns: usize },
+    /// Only a part of it can be tried next.
+    Shorter { part: f64 },
+    /// It reaches a bound after a time.
+    ToBound { state: OrbitState, time: f64, bound: OrbitBound },
+}
+
+/// The orbits under an acceleration that depends on the position, between bounds.
+pub(super) struct Orbits<F> {
+    /// Acceleration at a position.
+    pub acceleration: F,
+    /// Lower and upper bounds of the state; infinite where there are none.
+    pub bounds: [[f64; 2]; 2 * MAX_DIMENSION],
+    /// The size of each coordinate of the state.
+    pub scales: OrbitState,
+}
+
+impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
+    /// Follows the orbit from `state` for a time `left`, or up to the first bound that it reaches.
+    /// `step` is the length of the first step, and becomes that of the next one.
+    pub fn follow(&self, state: OrbitState, left: f64, step: &mut f64) -> OrbitEnd {
+        let mut orbit = self.orbit(state);
+        if let Some(bound) = self.leaves_at_once(&orbit) {
+            return OrbitEnd { state, time: 0.0, bound: Some(bound) };
+        }
+        let mut passed = 0.0;
+        for _ in 0..MOST_STEPS {
+            let is_last = *step >= left - passed;
+            let length = if is_last { left - passed } else { *step };
+            match self.stretch(&orbit, length) {
+                Stretch::Whole { end, .. } if is_last => {
+                    return OrbitEnd { state: end.state, time: left, bound: None };
+                }
+                Stretch::Whole { end, columns } => {
+                    (orbit, passed) = (end, passed + length);
+                    *step = length * GROWTH[columns - 1];
+                }
+                Stretch::Shorter { part } => {
+                    *step = part * length;
+                    if *step < SHORTEST * left {
+                        break;
+                    }
+                }
+                Stretch::ToBound { state, time, bound } => {
+                    return OrbitEnd { state, time: passed + time, bound: Some(bound) };
+                }
+            }
+        }
+        OrbitEnd { state: orbit.state, time: left, bound: None }
+    }
+
+    /// What `orbit` does in a step of this `length`.
+    fn stretch(&self, orbit: &Orbit, length: f64) -> Stretch {
+        let Some((end, columns)) = self.step(orbit, length) else {
+            return Stretch::Shorter { part: SHRINK };
+        };
+        match self.event(orbit, &end, length) {
+            StepEvent::Nothing => Stretch::Whole { end, columns },
+            StepEvent::Unclear => Stretch::Shorter { part: 0.5 },
+            StepEvent::Bound { bound, time } => self.arrival(orbit, bound, [time, length]).map_or(
+                Stretch::Shorter { part: 0.5 },
+                |(state, time)| Stretch::ToBound { state, time, bound },
+            ),
+        }
+    }
+
+    fn orbit(&self, state: OrbitState) -> Orbit {
+        let (x, w) = halves(&state);
+        let acceleration = (self.acceleration)(&x);
+        let mut slopes = [0.0; 2 * MAX_DIMENSION];
+        slopes[..MAX_DIMENSION].copy_from_slice(&w);
+        slopes[MAX_DIMENSION..].copy_from_slice(&acceleration);
+        Orbit { state, slopes }
+    }
+
+    /// The orbit after a time `length`, and the number of columns that it took; `None` if all of
+    /// them are not accurate.
+    fn step(&self, from: &Orbit, length: f64) -> Option<(Orbit, usize)> {
+        // The last row of the tableau of changes of the state.
+        let mut row = [[0.0; 2 * MAX_DIMENSION]; COLUMNS];
+        for k in 0..COLUMNS {
+            let mut change = self.verlet(from, length, k + 1);
+            let mut last = [f64::INFINITY; 2 * MAX_DIMENSION];
+            for (j, before) in row[..k].iter_mut().enumerate() {
+                let ratio = ((k + 1) as f64 / (k - j) as f64).powi(2);
+                last = change;
+                for (change, before) in change.iter_mut().zip(&*before) {
+                    *change += (*change - before) / (ratio - 1.0);
+                }
+                *before = last;
+            }
+            row[k] = change;
+            let differs = |c: usize| (change[c] - last[c]).abs() / self.scales[c];
+            if (0..2 * MAX_DIMENSION).all(|c| differs(c) <= TOLERANCE) {
+                let state = std::array::from_fn(|c| from.state[c] + change[c]);
+                return Some((self.orbit(state), k + 1));
+            }
+        }
+        None
+    }
+
+    /// The change of the state by `count` steps of Störmer and Verlet in all of `length`.
+    fn verlet(&self, from: &Orbit, length: f64, count: usize) -> OrbitState {
+        let tau = length / count as f64;
+        let ((x, w), (_, first)) = (halves(&from.state), halves(&from.slopes));
+        let mut moved = [0.0; MAX_DIMENSION];
+        let mut sped = first.map(|acceleration| 0.5 * tau * acceleration);
+        for k in 1..=count {
+            for a in 0..MAX_DIMENSION {
+                moved[a] += tau * (w[a] + sped[a]);
+            }
+            let acceleration = (self.acceleration)(&std::array::from_fn(|a| x[a] + moved[a]));
+            let kick = if k < count { tau } else { 0.5 * tau };
+            for a in 0..MAX_DIMENSION {
+                sped[a] += kick * acceleration[a];
+            }
+        }
+        let mut change = [0.0; 2 * MAX_DIMENSION];
+        change[..MAX_DIMENSION].copy_from_slice(&moved);
+        change[MAX_DIMENSION..].copy_from_slice(&sped);
+        change
+    }
+
+    /// The bound at which the orbit is and from which it moves outwards.
+    fn leaves_at_once(&self, orbit: &Orbit) -> Option<OrbitBound> {
+        let outwards = |c: usize| {
+            let slope = orbit.slopes[c];
+            let [lower, upper] = self.bounds[c];
+            let at = orbit.state[c];
+            let then = orbit.slopes.get(c + MAX_DIMENSION).copied().unwrap_or(0.0);
+            let slope = if slope == 0.0 { then } else { slope };
+            let bound = |upper| Some(OrbitBound { coordinate: c, upper });
+            match () {
+                () if at >= upper && slope > 0.0 => bound(true),
+                () if at <= lower && slope < 0.0 => bound(false),
+                () => None,
+            }
+        };
+        (0..2 * MAX_DIMENSION).find_map(outwards)
+    }
+
+    /// What the orbit meets first in a step of this `length` from `start` to `end`.
+    fn event(&self, start: &Orbit, end: &Orbit, length: f64) -> StepEvent {
+        let mut first: Option<(OrbitBound, f64)> = None;
+        for c in 0..2 * MAX_DIMENSION {
+            let [lower, upper] = self.bounds[c];
+            let way = Way {
+                ends: [start.state[c], end.state[c]],
+                rises: [start.slopes[c] * length, end.slopes[c] * length],
+            };
+            let most = way.rises[0].abs() + way.rises[1].abs();
+            if way.ends.iter().all(|at| at - most > lower && at + most < upper) {
+                continue;
+            }
+            match way.event(lower, upper) {
+                WayEvent::Stays => {}
+                WayEvent::Turns { before } => {
+                    let is_wide = NEAR * before.way > REACHED * self.scales[c];
+                    if before.gap < NEAR * before.way && is_wide {
+                        return StepEvent::Unclear;
+                    }
+                }
+                WayEvent::Leaves { part, upper } => {
+                    let time = part * length;
+                    if first.is_none_or(|(_, earliest)| time < earliest) {
+                        first = Some((OrbitBound { coordinate: c, upper }, time));
+                    }
+                }
+            }
+        }
+        first.map_or(StepEvent::Nothing, |(bound, time)| StepEvent::Bound { bound, time })
+    }
+
+    /// The state at which `orbit` reaches `bound`, and the time until then, which is about `time`;
+    /// `None` if it is beyond another bound there, or does not arrive by corrections of at most
+    /// `length`.
+    fn arrival(
+        &self,
+        orbit: &Orbit,
+        bound: OrbitBound,
+        [time, most]: [f64; 2],
+    ) -> Option<(OrbitState, f64)> {
+        let c = bound.coordinate;
+        let at = self.bounds[c][usize::from(bound.upper)];
+        let (mut orbit, mut passed, mut length) = (*orbit, 0.0, time);
+        for _ in 0..CORRECTIONS {
+            (orbit, _) = self.step(&orbit, length)?;
+            passed += length;
+            let gap = at - orbit.state[c];
+            if gap.abs() <= REACHED * self.scales[c].max(at.abs()) {
+                orbit.state[c] = at;
+                return self.is_within(&orbit.state).then_some((orbit.state, passed.max(0.0)));
+            }
+            length = gap / orbit.slopes[c];
+            if !(length.abs() <= most) {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// Whether the state is within its bounds, nearly.
+    fn is_within(&self, state: &OrbitState) -> bool {
+        (0..2 * MAX_DIMENSION).all(|c| {
+            let ([lower, upper], margin) = (self.bounds[c], BEYOND * self.scales[c]);
+            (lower - margin..=upper + margin).contains(&state[c])
+        })
+    }
+}
+
+/// The way of a coordinate in a step.
+struct Way {
+    /// Its values at the ends.
+    ends: [f64; 2],
+    /// Its derivatives there, times the length of the step.
+    rises: [f64; 2],
+}
+
+/// What a coordinate does in a step.
+enum WayEvent {
+    /// It stays within its bounds.
+    Stays,
+    /// It stays, but turns around on the way.
+    Turns { before: TurningPoint },
+    /// It leaves its bounds, after this part of the step.
+    Leaves { part: f64, upper: bool },
+}
+
+/// A place at which a coordinate turns around.
+struct TurningPoint {
+    /// Its distance from the bound ahead.
+    gap: f64,
+    /// The way of the coordinate until then.
+    way: f64,
+}
+
+impl Way {
+    /// The coordinate after a part `s` of the step, by cubic Hermite interpolation.
+    fn at(&self, s: f64) -> f64 {
+        let (r, [p, q], [u, v]) = (1.0 - s, self.ends, self.rises);
+        r * p + s * q + s * r * (r * (u - (q - p)) - s * (v - (q - p)))
+    }
+
+    fn event(&self, lower: f64, upper: f64) -> WayEvent {
+        let beyond = |s: f64| {
+            let at = self.at(s);
+            (at > upper || at < lower).then_some(at > upper)
+        };
+        let place = |k: u32| f64::from(k) / f64::from(PLACES);
+        let mut places = 1..=PLACES;
+        if let Some((k, upper)) = places.find_map(|k| Some((k, beyond(place(k))?))) {
+            let [mut inside, mut outside] = [place(k - 1), place(k)];
+            for _ in 0..40 {
+                let middle = 0.5 * (inside + outside);
+                let side = if beyond(middle).is_some() { &mut outside } else { &mut inside };
+                *side = middle;
+            }
+            return WayEvent::Leaves { part: outside, upper };
+        }
+        let [u, v] = self.rises;
+        if u * v >= 0.0 {
+            return WayEvent::Stays;
+        }
+        let ahead = (1..PLACES).map(|k| self.at(place(k)) * u.signum()).fold(f64::MIN, f64::max);
+        let bound = if u > 0.0 { upper } else { -lower };
+        let gap = bound - ahead;
+        WayEvent::Turns { before: TurningPoint { gap, way: ahead - self.ends[0] * u.signum() } }
+    }
+}
+
+/// Positions and velocities.
+fn halves(state: &OrbitState) -> ([f64; MAX_DIMENSION], [f64; MAX_DIMENSION]) {
+    let half = |first| std::array::from_fn(|a| state[first + a]);
+    (half(0), half(MAX_DIMENSION))
+}
