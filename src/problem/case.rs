@@ -443,6 +443,37 @@ impl Case {
         self.warped_start.is_none() && self.start_field.is_none()
     }
 
+    /// Whether the exact solution follows from the formulas of this case: not if the run starts from
+    /// the result of another problem.
+    pub fn follows_from_formulas(&self) -> bool {
+        let of_same_problem =
+            |start: &StartField| start.origin.is_some_and(|origin| origin.is_same_problem);
+        self.warped_start.is_none() && self.start_field.as_ref().is_none_or(of_same_problem)
+    }
+
+    /// This case from time 0 on.
+    pub fn from_time_zero(&self) -> Self {
+        Self { start_field: None, start_time: 0.0, ..self.clone() }
+    }
+
+    /// Whether `other` has the same characteristics, and the same data at their feet. Tables in
+    /// files are not compared: with them it is false.
+    pub fn is_same_problem(&self, other: &Self) -> bool {
+        fn formulas(case: &Case) -> Vec<Option<&str>> {
+            let regions = case.potential.iter();
+            let of_regions =
+                regions.flat_map(|r| [r.condition.as_ref(), r.reflection.as_ref(), Some(&r.value)]);
+            let of_fields =
+                case.fields.iter().flat_map(|field| [Some(&field.initial), Some(field.entering())]);
+            of_regions.chain(of_fields).map(|formula| formula.map(Expression::text)).collect()
+        }
+        let have_tables = !self.tables.is_empty() || !other.tables.is_empty();
+        !have_tables
+            && formulas(self) == formulas(other)
+            && self.constants == other.constants
+            && self.space.periodic == other.space.periodic
+    }
+
     /// The key that gives `V` in a region.
     pub fn potential_key(&self, region: usize) -> String {
         match self.potential[region].value.table() {

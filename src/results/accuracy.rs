@@ -37,6 +37,15 @@ pub struct EstimatedErrors {
 }
 
 impl EstimatedErrors {
+    /// These errors where the masses that the scheme adds or takes are `share` of all: what is
+    /// known is at least as large. That is so where `f` hardly varies along paths, so that its
+    /// error comes from jumps of `V` alone.
+    pub fn at_least(self, share: f64) -> Self {
+        let GridErrorPair { field, density } = self.grid;
+        let [field, density] = [field, density].map(|known| known.map(|error| error.max(share)));
+        Self { grid: GridErrorPair { field, density }, ..self }
+    }
+
     /// The errors of the grid, where that of the density is no larger than what `particles` and its
     /// own coefficients leave room for.
     pub fn within(self, particles: ParticleErrors) -> GridErrorPair {

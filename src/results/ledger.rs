@@ -147,6 +147,11 @@ impl Ledger {
         Some(rounded(mass / all, 1.0)).filter(|share| share.is_finite())
     }
 
+    /// The mass that the hat interface adds or takes, as a share of all mass.
+    pub fn interface_share(&self) -> Option<f64> {
+        self.share(self.mass.interface_estimate?.abs())
+    }
+
     /// The grid's mass at time zero minus that of the formula, as a share of all mass; `None` if
     /// the integral of the formula is not known well enough.
     fn missed_by_grid(&self) -> Option<f64> {

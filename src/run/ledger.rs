@@ -63,6 +63,17 @@ pub struct LedgerBeforeRun {
     pub arrivals: Arrivals,
 }
 
+impl LedgerBeforeRun {
+    /// Keeps `arrivals` of `case` whose paths by `tracer` are accurate.
+    fn keep(&mut self, arrivals: Arrivals, tracer: &Tracer<'_>, case: &Case) {
+        // Along random paths the error of tracing is not known.
+        if tracer.is_accurate && !(case.reflects() && tracer.is_approximate) {
+            self.arrivals = arrivals;
+            self.arrivals.halved = tracer.halved();
+        }
+    }
+}
+
 /// The ledger of `case`, on the grid of its results, before the solve. Collective.
 ///
 /// # Errors
@@ -88,14 +99,17 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
         let why =
             format!("all estimates: f at t = {} is of {}", case.start_time, start.path.display());
         ledger.omitted.push(why);
+        if case.follows_from_formulas() {
+            // The ledger counts from the start of the run, these particles from time 0.
+            let whole = case.from_time_zero();
+            let tracer = Tracer::with_cells(&whole, MostCells::ESTIMATES)?.forward();
+            let arrivals = estimate(world, &whole, &tracer, &mut Ledger::default());
+            found.keep(arrivals, &tracer, case);
+        }
     } else {
         let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
         let arrivals = estimate(world, case, &tracer, ledger);
-        // Along random paths the error of tracing is not known.
-        if tracer.is_accurate && !(case.reflects() && tracer.is_approximate) {
-            found.arrivals = arrivals;
-            found.arrivals.halved = tracer.halved();
-        }
+        found.keep(arrivals, &tracer, case);
     }
     if case.is_measure_valued() {
         let why = "mass that entered: with measure-valued data it is not linear in the fields";

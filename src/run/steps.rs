@@ -260,7 +260,7 @@ impl<'a> Driver<'a> {
     ) {
         let case = result.case;
         let mut by_paths = ParticleErrors::default();
-        if self.output.is_some() && case.reflects() && case.starts_anew() {
+        if self.output.is_some() && case.reflects() && case.follows_from_formulas() {
             // Where V is not finite on other cells, they are not known.
             by_paths = random_paths::errors(world, result).unwrap_or_default();
         }
@@ -329,7 +329,9 @@ impl<'a> Driver<'a> {
             self.log.watch.lap("readout");
         }
         self.summary.fill(&prepared, &self.log);
-        self.summary.judge(&prepared.case, compared.estimated);
+        let by_interface = self.summary.ledger.as_ref().and_then(Ledger::interface_share);
+        let estimated = compared.estimated.at_least(by_interface.unwrap_or(0.0));
+        self.summary.judge(&prepared.case, estimated);
         Solution {
             case,
             summary: self.summary,

@@ -35,7 +35,9 @@ use crate::problem::grid::{Axis, PhaseSpace};
 use crate::propagate::classical::{EXACT, ROUGH, poisson_window};
 use crate::results::result_file::most_bytes;
 use crate::results::warped::all_bytes;
+use crate::run::errors::exact_points;
 use crate::run::exact::ExactTask;
+use crate::run::exact::velocities::limits::expected_points;
 use crate::run::planning;
 use crate::solve::prepared::Prepared;
 use crate::study::calibrate::timing::SolveTime;
@@ -187,8 +189,11 @@ impl CalibratedCase<'_> {
         watch.lap("assemble");
         let (world, rank_cells) = (&block.communicator.world, &block.rank_cells);
         let exact = ExactTask { world, case: &part, rank_cells, prints: false };
-        if exact.run()?.exact.is_some() {
+        let found = exact.run()?;
+        if found.exact.is_some() {
             watch.lap("exact");
+            let seconds = watch.seconds.entry("exact".to_owned()).or_default();
+            *seconds *= 1.0 + values_of_errors(&part) / values_at_nodes(&part, found.moments.len());
         }
         Ok(block)
     }
@@ -228,6 +233,18 @@ impl CalibratedCase<'_> {
         let wanted = fields * poisson_window(courant, EXACT).end;
         probe * wanted as f64 / probed as f64
     }
+}
+
+/// About the number of values of which the exact solution is made, with moments at so many `times`.
+fn values_at_nodes(case: &Case, times: usize) -> f64 {
+    let space = &case.space;
+    space.cells() as f64 + times as f64 * expected_points(case, space.space_cells() as f64)
+}
+
+/// About the number of exact values of which the errors on elements are made.
+fn values_of_errors(case: &Case) -> f64 {
+    let is_integral = case.space.whole_degree() > 0 && !case.is_measure_valued();
+    if is_integral { exact_points(case) } else { 0.0 }
 }
 
 /// Times the moments of the fields at the start and at the end; the fields at the start are

@@ -497,7 +497,8 @@ fn a_continued_run_has_the_errors_of_its_first_part() {
     finished.contains(&finished.output, &["UNDER-RESOLVED", "from before"]).unwrap();
     std::fs::remove_file(first.join("summary.json")).unwrap();
     let field = format!("initial.field={directory}/result.h5");
-    let times = ["time.start=20.106192982974676", "time.end=20.2"];
+    // With another constant it is not known to be the same problem.
+    let times = ["time.start=20.106192982974676", "time.end=20.2", "constants.other=1"];
     let job =
         Job::new(["run", &file]).set(&settings).set(&[&field, "solver.verify=true"]).set(&times);
     let finished = job.into(&third).succeed().unwrap();
@@ -509,6 +510,44 @@ fn a_continued_run_has_the_errors_of_its_first_part() {
     let report = text_of(third.join("report.html")).unwrap();
     assert!(report.contains("Not all errors of this result are known"));
     assert_ne!(after["verdict"], "resolved");
+}
+
+/// Particles follow a continued run of the same problem from time 0 on, so that it has the errors
+/// of one run. Of another problem they do not.
+#[test]
+fn particles_show_the_errors_of_continued_runs() {
+    const QUARTIC: &str = r#"
+        initial.f = "exp(-((x - 0.8)^2 + v^2)/0.05)"
+        time.end = 0.1
+        scheme.degree = 3
+        potential = [{ value = "x^2/2 + 0.3*x^4" }]
+        [[axis]]
+        x = { lower = -2, upper = 2, cells = 5 }
+        v = { lower = -2.4, upper = 2.4, cells = 5 }
+    "#;
+    let place = directory();
+    let file = written(place.path(), QUARTIC).unwrap();
+    let [first, second, third, other, whole] =
+        ["first", "second", "third", "other", "whole"].map(|name| place.path().join(name));
+    Job::new(["run", &file]).set(&[CLASSICAL]).solve(&first).unwrap();
+    let go_on = |from: &Path, until: &str| {
+        let from = from.display().to_string();
+        Job::new(["run", "--continue", &from, "--until", until])
+    };
+    go_on(&first, "1").solve(&second).unwrap();
+    let parts = go_on(&second, "4").on(2).solve(&third).unwrap();
+    let changed = go_on(&second, "4").set(&["potential.0.value=x^2/2 + 0.2*x^4"]);
+    let changed = changed.solve(&other).unwrap();
+    let whole = Job::new(["run", &file]).set(&[CLASSICAL, "time.end=4"]).solve(&whole).unwrap();
+    let [in_parts, at_once] =
+        [&parts, &whole].map(|summary| &summary.value["accuracy"]["particles"]);
+    assert!(at_once["field"].as_f64().unwrap() > 0.1, "{at_once}");
+    for key in ["field", "density_most"] {
+        let [one, other] = [in_parts, at_once].map(|shown| shown[key].as_f64().unwrap());
+        assert!((one / other - 1.0).abs() < 1e-6, "{key}: {one} in parts, {other} at once");
+    }
+    assert_eq!(parts.value["verdict"], "under-resolved", "{}", parts.value["accuracy"]);
+    assert!(changed.value["accuracy"]["particles"]["field"].is_null());
 }
 
 /// A first part that misses its tolerance by far puts the second in doubt, and its error is not the
@@ -745,6 +784,42 @@ fn densities_of_mixed_phases_have_estimates_of_their_size() {
     let error = summary.number("error_density_l2_relative").unwrap();
     let size = format!("{density} estimated, {error} measured, f {field}");
     assert!((1.0..8.0).contains(&(density / error)) && density < 0.3 * field, "{size}");
+}
+
+/// In a gas that is steady over a step, `f` hardly varies along the paths of particles: its error
+/// comes from the law at the jump. Estimates contain the mass that the hat interface adds, and
+/// particles are compared with `f` on their own side of the jump.
+#[test]
+fn estimates_see_the_law_at_a_jump() {
+    const GAS: &str = r#"
+        initial.f = "exp(-(v^2/2 + (0 if x < 0 else 0.2))/0.3)"
+        inflow.value = "initial"
+        time.end = 2
+        exact.kind = "characteristics"
+        potential = [{ where = "x < 0", value = 0 }, { value = 0.2 }]
+        [[axis]]
+        x = { lower = -1, upper = 1, cells = 60 }
+        v = { lower = -2.4, upper = 2.4, cells = 48 }
+    "#;
+    let place = directory();
+    let file = written(place.path(), GAS).unwrap();
+    let coarse = ["axis.0.x.cells=200", "axis.0.v.cells=12"];
+    let fine = ["axis.0.x.cells=400", "axis.0.v.cells=30", "time.end=6"];
+    let conservative = ["scheme.interface=conservative"];
+    check_all(&[&[][..], &coarse, &fine, &conservative], |settings| {
+        let results = directory();
+        let job = Job::new(["run", &file, "--force"]).set(&[CLASSICAL]).set(*settings);
+        let measured = job.clone().solve(&results.path().join("measured"))?;
+        let estimated = job.set(&["exact={}"]).solve(&results.path().join("estimated"))?;
+        for (key, of) in [("grid", "f"), ("grid_density", "density")] {
+            let [error, estimate] =
+                [&measured, &estimated].map(|summary| accuracy(&summary.value, key));
+            let (error, estimate) = (error?, estimate?);
+            let size = || format!("{of}: {estimate} estimated, {error} measured");
+            estimated.require((0.3..8.0).contains(&(estimate / error)), size)?;
+        }
+        Ok(())
+    });
 }
 
 /// The same with degree 0: the density was smeared out with `f`, and its transport shows little.

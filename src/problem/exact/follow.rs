@@ -36,6 +36,8 @@ use std::cell::Cell;
 /// Times closer than this fraction of the traced time are equal up to round-off. A face reached so
 /// close to time zero is not crossed.
 pub(super) const ROUND_OFF: f64 = 1e-13;
+/// Steps through cells that take the time of an evaluation of a formula of `V`.
+const STEPS_PER_EVALUATION: usize = 3;
 /// A particle that ends closer to a face than this fraction of a cell is moved onto it.
 const ON_FACE: f64 = 1e-11;
 
@@ -57,7 +59,8 @@ pub struct TracedPath {
     /// Parts of the path on which `V` is linear, of a tracer with linear cells: one more than the
     /// faces with a jump of `V` or of its slope that were met.
     pub segments: usize,
-    /// Steps that were computed, each up to an end of a block of cells, and evaluations of `V`.
+    /// Steps that were computed, each up to an end of a block of cells. An evaluation of a formula
+    /// of `V` counts as several.
     pub steps: usize,
 }
 
@@ -399,7 +402,7 @@ impl Flow {
         };
         let orbits = Orbits { acceleration, bounds, scales: self.scales };
         let end = orbits.follow(state, left, &mut particle.orbit_step);
-        particle.path.steps += evaluations.get();
+        particle.path.steps += STEPS_PER_EVALUATION * evaluations.get();
         for a in moving() {
             particle.x[a] = end.state[a].max(block.lower[a]).min(block.upper[a]);
             particle.w[a] = end.state[MAX_DIMENSION + a];

@@ -21,6 +21,7 @@ use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, coordinate};
+use crate::problem::potential::{Potential, is_one_piece};
 use crate::results::accuracy::ParticleErrors;
 use crate::results::ledger::STANDARD_ERRORS;
 use crate::run::ledger::draw::{Particle, REPLICATES};
@@ -335,11 +336,14 @@ pub fn values_at(world: &Group, result: &ComparedResult<'_>, points: &[[f64; 6]]
     let space = &result.case.space;
     let n = space.dimension();
     let velocities = space.velocity_cells();
+    let faces = FacesWithJumps::new(result.case);
     let corners = space.x.iter().filter(|axis| axis.nodes.degree == 0).count();
     // Each part of a value is known on one rank.
     let mut parts = vec![0.0; points.len() << corners];
     for (point, parts) in points.iter().zip(parts.chunks_mut(1 << corners)) {
-        let of_axis = |k: usize| interpolation(space, k, point[coordinate(n, k)]);
+        let of_axis = |k: usize| {
+            interpolation(space, k, point[coordinate(n, k)], |face| faces.at(point, k, face))
+        };
         let along: Vec<Vec<(usize, f64)>> = (0..2 * n).map(of_axis).collect();
         let of_velocity = products(&along[n..], |k| 0..space.v[k].cells);
         for (corner, part) in parts.iter_mut().enumerate() {
@@ -363,9 +367,47 @@ pub fn values_at(world: &Group, result: &ComparedResult<'_>, points: &[[f64; 6]]
     world.gathered(parts).chunks(1 << corners).map(|parts| parts.iter().sum()).collect()
 }
 
+/// The faces across axes of degree 0 at which `V` jumps, so that `f` does.
+struct FacesWithJumps<'a> {
+    space: &'a PhaseSpace,
+    /// `None` where `V` does not jump.
+    potential: Option<Potential>,
+}
+
+impl<'a> FacesWithJumps<'a> {
+    fn new(case: &'a Case) -> Self {
+        let space = &case.space;
+        let may_jump = !is_one_piece(&case.potential) || space.periodic.contains(&true);
+        // Where V is not finite on other cells, its jumps are not known.
+        let potential = may_jump.then(|| Potential::whole(case).ok()).flatten();
+        Self { space, potential }
+    }
+
+    /// Whether `V` jumps at the lower face of cell `face` along axis `a`, in the elements around
+    /// `point` along the other axes.
+    fn at(&self, point: &[f64; 6], a: usize, face: usize) -> bool {
+        let Some(potential) = self.potential.as_ref().filter(|_| a < self.space.dimension()) else {
+            return false;
+        };
+        let first_of_element = |(axis, x): (&Axis, &f64)| axis.element_at(*x) * axis.nodes.count();
+        let mut cell = [0; MAX_DIMENSION];
+        let first = self.space.x.iter().zip(point).map(first_of_element);
+        cell.iter_mut().zip(first).for_each(|(cell, first)| *cell = first);
+        cell[a] = face;
+        potential.jump_below(&cell[..self.space.dimension()], a) != 0.0
+    }
+}
+
 /// The cells along axis `k` of the `2n` by which a function is interpolated at `x`, with weights.
-fn interpolation(space: &PhaseSpace, k: usize, x: f64) -> Vec<(usize, f64)> {
-    let n = space.dimension();
+/// An axis of degree 0 has two: that around `x` and its neighbour on the side of `x`. Behind an end
+/// of the box, and where `jumps` holds for the face between them, it is the neighbour on the other
+/// side, if there is one.
+fn interpolation(
+    space: &PhaseSpace,
+    k: usize,
+    x: f64,
+    jumps: impl Fn(usize) -> bool,
+) -> Vec<(usize, f64)> {
     let axis = space.axis(k);
     let position = axis.position(x);
     if axis.nodes.degree > 0 {
@@ -374,16 +416,24 @@ fn interpolation(space: &PhaseSpace, k: usize, x: f64) -> Vec<(usize, f64)> {
         let first = element * axis.nodes.count();
         return values.into_iter().enumerate().map(|(m, weight)| (first + m, weight)).collect();
     }
-    let below = (position - 0.5).floor();
-    let weight = position - 0.5 - below;
-    let cell = |j: i64| {
-        if k < n && space.is_periodic(k) {
-            j.rem_euclid(axis.cells as i64) as usize
-        } else {
-            j.clamp(0, axis.cells as i64 - 1) as usize
-        }
+    let (own, n) = (axis.element_at(x), space.dimension());
+    let neighbour = |above: bool| {
+        let beside = if above { own as i64 + 1 } else { own as i64 - 1 };
+        let beside = match k.checked_sub(n) {
+            None => space.wrap(k, beside)?,
+            Some(_) => usize::try_from(beside).ok().filter(|j| *j < axis.cells)?,
+        };
+        let face = if above { beside } else { own };
+        (!jumps(face)).then_some(beside)
     };
-    vec![(cell(below as i64), 1.0 - weight), (cell(below as i64 + 1), weight)]
+    let from_centre = position - 0.5 - own as f64;
+    let ahead = from_centre > 0.0;
+    let part = from_centre.abs();
+    match (neighbour(ahead), neighbour(!ahead)) {
+        (Some(beside), _) => vec![(own, 1.0 - part), (beside, part)],
+        (None, Some(behind)) => vec![(own, 1.0 + part), (behind, -part)],
+        (None, None) => vec![(own, 1.0), (own, 0.0)],
+    }
 }
 
 /// Places and weights of the products of `entries`, one of each axis, in the row-major box of the
@@ -434,21 +484,26 @@ mod tests {
 
     fn value(space: &PhaseSpace, k: usize, x: f64, f: impl Fn(f64) -> f64) -> f64 {
         let axis = space.axis(k);
-        interpolation(space, k, x).iter().map(|(j, w)| w * f(axis.centre(*j as i64))).sum()
+        let entries = interpolation(space, k, x, |face| k == 0 && face == JUMP);
+        entries.iter().map(|(j, w)| w * f(axis.centre(*j as i64))).sum()
     }
 
-    /// Lines are interpolated between the centres of cells, polynomials in the elements of their
-    /// degree.
+    /// The cell above a face at which functions jump in tests.
+    const JUMP: usize = 3;
+
+    /// Lines are interpolated between the centres of cells, and beyond them next to jumps and ends;
+    /// polynomials in the elements of their degree.
     #[test]
     fn polynomials_are_interpolated() {
         let x = Axis::new(-1.0, 2.0, 7);
         let v = Axis::new(-2.0, 1.0, 4).with_nodes(Nodes::of_velocity(3));
         let space = PhaseSpace { x: vec![x], v: vec![v], periodic: [false; MAX_DIMENSION] };
-        for at in [-0.7, 0.1, 0.13, 1.4] {
-            let line = |x: f64| 3.0 - 2.0 * x;
+        let jump = space.x[0].face(JUMP as i64);
+        for at in [-0.99, -0.7, 0.1, 0.13, jump - 0.01, jump, jump + 0.01, 1.4, 2.0] {
+            let line = |x: f64| if x < jump { 3.0 - 2.0 * x } else { 7.0 + x };
             assert!((value(&space, 0, at, line) - line(at)).abs() < 1e-13, "{at}");
             let cubic = |v: f64| 1.0 + v * v * (v - 0.5);
-            let at = at - 1.0;
+            let at = at - 1.001;
             assert!((value(&space, 1, at, cubic) - cubic(at)).abs() < 1e-12, "{at}");
         }
     }
