@@ -217,7 +217,9 @@ impl Bounds {
             let space = grid(case);
             let most = match case.exact {
                 Some(Exact::Characteristics) => MostCells::EXACT,
-                _ if !case.starts_anew() || space.space_cells() > MOST_EXAMINED => return 0,
+                _ if !case.follows_from_formulas() || space.space_cells() > MOST_EXAMINED => {
+                    return 0;
+                }
                 _ => MostCells::ESTIMATES,
             };
             traced_bytes(&Case { space, ..case.clone() }, most)

@@ -75,7 +75,7 @@ use crate::problem::case::reader::List;
 use crate::problem::case::readout::ReadoutTable;
 use crate::problem::case::solver::{CheckpointTable, SchemeTable, SolverTable, TimeTable};
 use crate::problem::formula::{Constants, Expression};
-use crate::problem::grid::PhaseSpace;
+use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::limits::LONGEST_FILE;
 use crate::problem::table::Table;
 use serde::Deserialize;
@@ -456,21 +456,24 @@ impl Case {
         Self { start_field: None, start_time: 0.0, ..self.clone() }
     }
 
-    /// Whether `other` has the same characteristics, and the same data at their feet. Tables in
-    /// files are not compared: with them it is false.
+    /// Whether `other` has the same characteristics, and the same data at their feet: box, `V`, data,
+    /// inflow and constants. Tables in files are not compared: with them it is false.
     pub fn is_same_problem(&self, other: &Self) -> bool {
-        fn formulas(case: &Case) -> Vec<Option<&str>> {
-            let regions = case.potential.iter();
-            let of_regions =
-                regions.flat_map(|r| [r.condition.as_ref(), r.reflection.as_ref(), Some(&r.value)]);
-            let of_fields =
-                case.fields.iter().flat_map(|field| [Some(&field.initial), Some(field.entering())]);
-            of_regions.chain(of_fields).map(|formula| formula.map(Expression::text)).collect()
-        }
+        let text = |formula: Option<&Expression>| formula.map(|f| f.text().to_owned());
+        let of_region = |region: &Region| {
+            let Region { condition, value, reflection } = region;
+            [condition.as_ref(), Some(value), reflection.as_ref()].map(text)
+        };
+        let of_field = |field: &LiouvilleField| {
+            [field.initial.text().to_owned(), field.entering().text().to_owned()]
+        };
+        let ends = |axis: &Axis| [axis.lower, axis.upper];
         let have_tables = !self.tables.is_empty() || !other.tables.is_empty();
         !have_tables
-            && formulas(self) == formulas(other)
+            && self.potential.iter().map(of_region).eq(other.potential.iter().map(of_region))
+            && self.fields.iter().map(of_field).eq(other.fields.iter().map(of_field))
             && self.constants == other.constants
+            && self.space.axes().map(ends).eq(other.space.axes().map(ends))
             && self.space.periodic == other.space.periodic
     }
 

@@ -84,8 +84,8 @@ pub struct Tracer<'a> {
     paths: Option<AxisPaths>,
     /// Faces, slopes and jumps along each axis, if they depend on the position along it alone.
     lines: Vec<AxisLine>,
-    /// Whether paths are accurate: `V` is exact in the cells, or approximated on at least 128 cells
-    /// along each axis that has more than one.
+    /// Whether paths are accurate: `V` is followed by its formulas, exact in the cells, or
+    /// approximated on at least 128 cells along each axis that has more than one.
     pub is_accurate: bool,
     /// Whether `V` is approximated in the cells.
     pub is_approximate: bool,
@@ -112,11 +112,9 @@ impl<'a> Tracer<'a> {
             potential = potential.by_formulas(case);
         }
         let paths = (!by_formulas && moves_by_axes(&potential)).then(AxisPaths::default);
-        let lines = if paths.is_some() || potential.space.dimension() == 1 {
-            AxisLine::all(&potential)
-        } else {
-            Vec::new()
-        };
+        let by_lines = potential.space.dimension() == 1 && !by_formulas;
+        let lines =
+            if paths.is_some() || by_lines { AxisLine::all(&potential) } else { Vec::new() };
         Ok(Self { case, flow: Flow::new(potential), paths, lines, is_accurate, is_approximate })
     }
 
@@ -308,9 +306,9 @@ impl<'a> Tracer<'a> {
     /// The path of the particle at `point = [x, y, z, vx, vy, vz]` over a time `time ≥ 0`: back in
     /// time, or [`forward`](Self::forward). It ends where the particle was, or will be.
     ///
-    /// The work is bounded: a particle that has met more faces than physics allows stays where it
-    /// is. In the cells around a corner, the slopes of a `V` that is not a sum over axes may drive
-    /// a particle at rest in a circle.
+    /// The work is bounded: a particle that has met more faces than physics allows, or takes too many
+    /// steps, stays where it is. In the cells around a corner, the slopes of a `V` that is not a sum
+    /// over axes may drive a particle at rest in a circle.
     pub fn follow(&self, point: &[f64; 6], time: f64) -> TracedPath {
         self.follow_with(point, time, &mut |_| false)
     }

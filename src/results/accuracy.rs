@@ -37,9 +37,9 @@ pub struct EstimatedErrors {
 }
 
 impl EstimatedErrors {
-    /// These errors where the masses that the scheme adds or takes are `share` of all: what is
-    /// known is at least as large. That is so where `f` hardly varies along paths, so that its
-    /// error comes from jumps of `V` alone.
+    /// These errors, but at least `share` where they are known: the part of all mass that the law at
+    /// jumps of `V` adds or takes. It is about the error where `f` hardly varies along paths, so
+    /// that these estimates see nothing, and may be too large after that mass has left.
     pub fn at_least(self, share: f64) -> Self {
         let GridErrorPair { field, density } = self.grid;
         let [field, density] = [field, density].map(|known| known.map(|error| error.max(share)));

@@ -7,6 +7,9 @@ use crate::problem::case::{Case, ResultOrigin};
 use crate::results::table_file::{checksum_name, file_name};
 use std::time::SystemTime;
 
+/// The attribute of a continued run that says that all its parts are of one problem.
+pub const SAME_PROBLEM: &str = "same_problem";
+
 /// Attributes of a result file as names and texts, the same on all ranks. Collective.
 pub fn provenance(world: &World, case: &Case) -> Vec<(String, String)> {
     let (major, minor, micro) = hdf5::library_version();
@@ -33,6 +36,9 @@ pub fn provenance(world: &World, case: &Case) -> Vec<(String, String)> {
     }
     if let Some(start) = &case.start_field {
         all.push(("start_file".to_owned(), start.path.display().to_string()));
+        if case.follows_from_formulas() {
+            all.push((SAME_PROBLEM.to_owned(), "since t = 0".to_owned()));
+        }
         if let Some(ResultOrigin { checksum, time, .. }) = start.origin {
             all.push(("start_checksum".to_owned(), checksum::text(checksum)));
             all.push(("start_time".to_owned(), time.to_string()));

@@ -7,6 +7,7 @@ use crate::parallel::files::stored_checksum;
 use crate::problem::case::{Case, GridErrorPair, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
 use crate::results::FileResult;
+use crate::results::provenance::SAME_PROBLEM;
 use crate::results::readback::{
     StoredCase, number_attribute, refuse_other_than_reals, text_attribute,
 };
@@ -58,29 +59,12 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
         error,
         grid_errors,
         positive: case_of.as_ref().is_some_and(|case| case.positive),
-        is_same_problem: case_of.is_some_and(|before| has_same_past(&before, case)),
+        is_same_problem: case_of.is_some_and(|before| {
+            let has_known_past =
+                before.starts_anew() || text_attribute(&file, SAME_PROBLEM).is_ok();
+            has_known_past && before.is_same_problem(case)
+        }),
     })
-}
-
-/// Whether `before`, of which `case` is the continuation, and all runs before it are of the same
-/// problem. False where a result from which one of them started is not found.
-fn has_same_past(before: &Case, case: &Case) -> bool {
-    /// Most results that are looked at, one before the other.
-    const MOST_PARTS: usize = 100;
-    let earlier = |case: &Case| -> Option<Case> {
-        let start = case.start_field.as_ref()?;
-        stored_case(&untrusted::open_given(&start.path, Inspection::Field).ok()?)
-    };
-    let mut part = Some(before.clone());
-    for _ in 0..MOST_PARTS {
-        match part {
-            Some(of) if of.warped_start.is_some() || !of.is_same_problem(case) => return false,
-            Some(of) if of.start_field.is_none() => return true,
-            Some(of) => part = earlier(&of),
-            None => return false,
-        }
-    }
-    false
 }
 
 /// The case of a result, if this program can read it.

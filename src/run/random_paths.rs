@@ -40,8 +40,8 @@ const MOST_STEPS: f64 = 33_554_432.0;
 /// 0, their reflections of [`tracking::STREAM`](crate::run::ledger::tracking::STREAM).
 const STREAM: u64 = 2;
 
-/// The relative L2 error of `f` in `result`, of a case with partial reflection that starts from a
-/// formula at time 0. None on very fine grids of space, where paths take very many steps, and where
+/// The relative L2 error of `f` in `result`, of a case with partial reflection whose data at time 0
+/// are a formula. None on very fine grids of space, where paths take very many steps, and where
 /// `V` is approximated: the error of tracing is not known there. Collective.
 ///
 /// # Errors
@@ -52,7 +52,9 @@ pub fn errors(world: &Group, result: &ComparedResult<'_>) -> Result<ParticleErro
         return Ok(ParticleErrors::default());
     }
     let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
-    let most = (MOST_STEPS / (PATHS as f64 * tracer.mean_steps(case.end))) as usize;
+    // Processors of different kinds may take different numbers of steps.
+    let steps = world.max(tracer.mean_steps(case.end));
+    let most = (MOST_STEPS / (PATHS as f64 * steps)) as usize;
     let many = most.min(most_values(space)).min(MOST_SAMPLES) / REPLICATES;
     if tracer.is_approximate || many * REPLICATES < LEAST_SAMPLES {
         return Ok(ParticleErrors::default());

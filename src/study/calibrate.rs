@@ -191,9 +191,11 @@ impl CalibratedCase<'_> {
         let exact = ExactTask { world, case: &part, rank_cells, prints: false };
         let found = exact.run()?;
         if found.exact.is_some() {
+            let seconds = watch.last.elapsed().as_secs_f64();
             watch.lap("exact");
-            let seconds = watch.seconds.entry("exact".to_owned()).or_default();
-            *seconds *= 1.0 + values_of_errors(&part) / values_at_nodes(&part, found.moments.len());
+            let nodes = values_at_nodes(&part, found.moments.len());
+            let of_errors = seconds * values_of_errors(&part) / nodes;
+            *watch.seconds.entry("exact".to_owned()).or_default() += of_errors;
         }
         Ok(block)
     }

@@ -49,14 +49,16 @@ fn chart_until(
     ranks: usize,
     enough: impl Fn(&Value) -> bool,
 ) -> Result<Value, String> {
-    let mut found = Err("no budget".to_owned());
-    for budget in BUDGETS {
-        found = chart(name, settings, (ranks, budget), directory().path());
-        if found.as_ref().is_ok_and(&enough) {
+    let [first, others @ ..] = BUDGETS;
+    let with = |budget| chart(name, settings, (ranks, budget), directory().path());
+    let mut found = with(first)?;
+    for budget in others {
+        if enough(&found) {
             break;
         }
+        found = with(budget)?;
     }
-    found
+    Ok(found)
 }
 
 fn entries(chart: &Value) -> &[Value] {
@@ -243,7 +245,7 @@ fn errors_fall_as_they_should() {
     assert!(unitary["modes"] == 1 && unitary["flux"] == 0.0, "{unitary}");
     for (integrator, order) in INTEGRATORS {
         let points = errors_by_applications(found, integrator);
-        let (first, last) = (points[0], points[points.len() - 1]);
+        let [first, .., last] = points[..] else { panic!("{integrator}: {points:?}") };
         let slope = (first[1] / last[1]).ln() / (last[0] / first[0]).ln();
         assert!((slope - order).abs() < 0.25, "{integrator}: {slope} of {points:?}");
     }

@@ -26,13 +26,21 @@ pub(super) struct TracedPotential {
     formulas: Option<CellFormulas>,
 }
 
+/// A side of a face: a cell, and a place on the face.
+pub(super) struct FaceSide<'a> {
+    /// The cell.
+    pub cell: &'a [usize; MAX_DIMENSION],
+    /// The place. At the ends of a periodic axis, that of the side.
+    pub x: &'a [f64; MAX_DIMENSION],
+}
+
 /// Smooth formulas of `V`.
 #[derive(Clone, Debug)]
 struct CellFormulas {
     /// By region.
     regions: Vec<Expression>,
     /// The region of each cell.
-    of_cell: Vec<u16>,
+    of_cell: Vec<u32>,
 }
 
 impl TracedPotential {
@@ -56,7 +64,7 @@ impl TracedPotential {
         let axes = &self.space.x;
         let of_cell = |cell: [usize; MAX_DIMENSION]| {
             // An undefined condition was an error before.
-            region(&case.potential, &space_point(axes, &cell)).unwrap_or(0) as u16
+            region(&case.potential, &space_point(axes, &cell)).unwrap_or(0) as u32
         };
         let formulas = CellFormulas {
             regions: case.potential.iter().map(|region| region.value.clone()).collect(),
@@ -74,26 +82,19 @@ impl TracedPotential {
     /// there.
     pub fn formula(&self, cell: &[usize; MAX_DIMENSION]) -> Option<&Expression> {
         let formulas = self.formulas.as_ref()?;
-        let formula = &formulas.regions[usize::from(formulas.of_cell[self.number(cell)])];
+        let formula = &formulas.regions[formulas.of_cell[self.number(cell)] as usize];
         formula.constant().is_none().then_some(formula)
     }
 
-    /// `V` in cell `before` at `from` minus `V` in cell `behind` at `to`, both on the face between
-    /// these cells, by their formulas; `None` without formulas.
-    pub fn rise_by_formulas(
-        &self,
-        [before, behind]: [&[usize; MAX_DIMENSION]; 2],
-        [from, to]: [&[f64; MAX_DIMENSION]; 2],
-    ) -> Option<f64> {
+    /// `V` on the side `before` of a face minus `V` on the side `behind` it, by their formulas;
+    /// `None` without formulas.
+    pub fn rise_by_formulas(&self, [before, behind]: [FaceSide<'_>; 2]) -> Option<f64> {
         let formulas = self.formulas.as_ref()?;
-        let regions = [before, behind].map(|cell| formulas.of_cell[self.number(cell)]);
-        if regions[0] == regions[1] && from == to {
-            return Some(0.0);
-        }
-        let value = |region: u16, x: &[f64; MAX_DIMENSION]| {
-            formulas.regions[usize::from(region)].eval(&phase_point(x))
+        let value = |side: &FaceSide<'_>| {
+            formulas.regions[formulas.of_cell[self.number(side.cell)] as usize]
+                .eval(&phase_point(side.x))
         };
-        let [before, behind] = [value(regions[0], from), value(regions[1], to)];
+        let [before, behind] = [&before, &behind].map(value);
         let rise = before - behind;
         Some(if rise.abs() <= KINK * before.abs().max(behind.abs()) { 0.0 } else { rise })
     }
@@ -135,7 +136,7 @@ impl TracedPotential {
     /// The number of the function that `V` is in a cell, if `V` does not jump at its faces: 0 if it
     /// is constant, and one for each formula. `None` if particles are to stop at the faces of the
     /// cell.
-    pub fn piece(&self, cell: &[usize; MAX_DIMENSION]) -> Option<u16> {
+    pub fn function_number(&self, cell: &[usize; MAX_DIMENSION]) -> Option<u32> {
         let jumps = (0..self.space.dimension()).any(|a| {
             self.linear.jump_below(cell, a) != 0.0 || self.linear.jump_above(cell, a) != 0.0
         });

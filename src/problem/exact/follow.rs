@@ -25,7 +25,7 @@
 
 use crate::base::row_major::number;
 use crate::problem::exact::by_axes::REST;
-use crate::problem::exact::cells::{TracedPotential, slopes};
+use crate::problem::exact::cells::{FaceSide, TracedPotential, slopes};
 use crate::problem::exact::motion::{Arrival, AxisMotion, CellForce, directed_ends};
 use crate::problem::exact::orbit::{OrbitBound, OrbitState, Orbits};
 use crate::problem::exact::traced_grid::free_layers;
@@ -36,6 +36,9 @@ use std::cell::Cell;
 /// Times closer than this fraction of the traced time are equal up to round-off. A face reached so
 /// close to time zero is not crossed.
 pub(super) const ROUND_OFF: f64 = 1e-13;
+/// Least number of places along an axis of the box at which a formula of `V` is evaluated on a path
+/// through it; a place in two cells if that is more.
+const LEAST_SIGHTS: f64 = 64.0;
 /// Steps through cells that take the time of an evaluation of a formula of `V`.
 const STEPS_PER_EVALUATION: usize = 3;
 /// A particle that ends closer to a face than this fraction of a cell is moved onto it.
@@ -170,14 +173,17 @@ pub(super) struct Flow {
     pub faces: Vec<Vec<f64>>,
     /// Cells per unit of length along each space axis.
     cells_per_length: Vec<f64>,
-    /// By space cell: the number of layers of cells around it that are, like itself, free of slopes
-    /// and jumps. A particle crosses this block of cells in one step.
+    /// By space cell: the number of layers of cells around it in which `V` is the same function as
+    /// in itself. A particle crosses this block of cells in one step.
     pub free: Vec<u32>,
     /// Bound on the number of faces a particle meets in unit time.
     face_rate: f64,
     /// The widths of the box, in space and then in velocity; 1 for absent axes.
     scales: OrbitState,
-    /// The length of the first step along a path that a formula of `V` determines.
+    /// Where a formula of `V` determines a path: the distances along each axis at which it is
+    /// evaluated.
+    sights: [f64; MAX_DIMENSION],
+    /// The length of the first step along such a path.
     first_step: f64,
 }
 
@@ -201,6 +207,10 @@ impl Flow {
         for (a, (x, v)) in space.x.iter().zip(&space.v).enumerate() {
             (scales[a], scales[MAX_DIMENSION + a]) = (x.upper - x.lower, v.upper - v.lower);
         }
+        let mut sights = [1.0; MAX_DIMENSION];
+        for (sight, x) in sights.iter_mut().zip(&space.x) {
+            *sight = (2.0 * x.width()).min((x.upper - x.lower) / LEAST_SIGHTS);
+        }
         // A part of the time to cross the box, and of that to fall through it.
         let shortest = |a: usize| {
             let fastest = space.v[a].largest_magnitude();
@@ -217,6 +227,7 @@ impl Flow {
             free,
             face_rate,
             scales,
+            sights,
             first_step,
         }
     }
@@ -400,7 +411,7 @@ impl Flow {
             let slopes = slopes(formula, x);
             std::array::from_fn(|a| if a < n && !rests[a] { -slopes[a] } else { 0.0 })
         };
-        let orbits = Orbits { acceleration, bounds, scales: self.scales };
+        let orbits = Orbits { acceleration, bounds, scales: self.scales, sights: self.sights };
         let end = orbits.follow(state, left, &mut particle.orbit_step);
         particle.path.steps += STEPS_PER_EVALUATION * evaluations.get();
         for a in moving() {
@@ -533,12 +544,6 @@ impl Flow {
         let cell = &particle.cell;
         let mut behind = *cell;
         behind[a] = there;
-        let [mut from, mut to] = [particle.x; 2];
-        from[a] = self.faces[a][cell[a] + usize::from(upper)];
-        to[a] = self.faces[a][there + usize::from(!upper)];
-        if let Some(rise) = self.potential.rise_by_formulas([cell, &behind], [&from, &to]) {
-            return rise;
-        }
         let [slopes, slopes_behind] =
             [cell, &behind].map(|cell| self.potential.linear.slopes(cell));
         let [bends, bends_behind] = [cell, &behind].map(|cell| self.potential.curvatures(cell));
@@ -557,7 +562,14 @@ impl Flow {
                 self.rise_at_centre(&beside, a, upper) != 0.0
             });
         }
-        if is_jump { rise } else { 0.0 }
+        if !is_jump {
+            return 0.0;
+        }
+        let [mut from, mut to] = [particle.x; 2];
+        from[a] = self.faces[a][cell[a] + usize::from(upper)];
+        to[a] = self.faces[a][there + usize::from(!upper)];
+        let sides = [FaceSide { cell, x: &from }, FaceSide { cell: &behind, x: &to }];
+        self.potential.rise_by_formulas(sides).unwrap_or(rise)
     }
 
     /// The cell, within `block`, of a particle that has arrived at the block's upper or lower face

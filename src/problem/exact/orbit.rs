@@ -10,7 +10,8 @@ use crate::problem::grid::MAX_DIMENSION;
 
 /// Largest number of columns of an extrapolation.
 const COLUMNS: usize = 10;
-/// A step is accepted if the last two columns differ by less than this part of the scales.
+/// A step is accepted if the last two columns differ by less than this part of the scales, and if
+/// the force was evaluated at distances of at most [`Orbits::sights`].
 const TOLERANCE: f64 = 1e-11;
 /// Factors of the length of the next step, by the number of columns that a step took.
 const GROWTH: [f64; COLUMNS] = [4.0, 4.0, 3.0, 2.0, 1.6, 1.3, 1.15, 1.0, 0.9, 0.7];
@@ -18,13 +19,13 @@ const GROWTH: [f64; COLUMNS] = [4.0, 4.0, 3.0, 2.0, 1.6, 1.3, 1.15, 1.0, 0.9, 0.
 const SHRINK: f64 = 0.4;
 /// Steps shorter than this part of the time are not taken: `V` is singular there.
 const SHORTEST: f64 = 1e-13;
-/// Most steps of an orbit: one that takes more is not followed on.
-const MOST_STEPS: usize = 1 << 16;
+/// Most steps of an orbit: one that takes more stays where it is.
+const MOST_STEPS: usize = 1 << 18;
 
 /// Places of a step at which bounds are looked for.
 const PLACES: u32 = 8;
-/// Where a coordinate turns around before a bound, in a distance below this part of its way, the
-/// bound is looked for in shorter steps.
+/// A coordinate may pass a bound and come back within a step. If it turns around before the bound
+/// by less than this part of its way, it is looked at in shorter steps.
 const NEAR: f64 = 0.1;
 /// A coordinate this close to a bound, as a part of its scale, has reached it.
 const REACHED: f64 = 1e-14;
@@ -78,8 +79,15 @@ enum Stretch {
     Whole { end: Orbit, columns: usize },
     /// Only a part of it can be tried next.
     Shorter { part: f64 },
-    /// It reaches a bound after a time.
-    ToBound { state: OrbitState, time: f64, bound: OrbitBound },
+    /// It reaches a bound before its end.
+    ToBound(OrbitEnd),
+}
+
+/// A step of an extrapolation.
+struct OrbitStep {
+    end: Orbit,
+    /// The columns that it took.
+    columns: usize,
 }
 
 /// The orbits under an acceleration that depends on the position, between bounds.
@@ -90,6 +98,9 @@ pub(super) struct Orbits<F> {
     pub bounds: [[f64; 2]; 2 * MAX_DIMENSION],
     /// The size of each coordinate of the state.
     pub scales: OrbitState,
+    /// Largest distances along each axis at which the force is evaluated, so that no structure of
+    /// `V` that is wider than a few of them is passed unseen.
+    pub sights: [f64; MAX_DIMENSION],
 }
 
 impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
@@ -118,9 +129,7 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
                         break;
                     }
                 }
-                Stretch::ToBound { state, time, bound } => {
-                    return OrbitEnd { state, time: passed + time, bound: Some(bound) };
-                }
+                Stretch::ToBound(end) => return OrbitEnd { time: passed + end.time, ..end },
             }
         }
         OrbitEnd { state: orbit.state, time: left, bound: None }
@@ -128,16 +137,16 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
 
     /// What `orbit` does in a step of this `length`.
     fn stretch(&self, orbit: &Orbit, length: f64) -> Stretch {
-        let Some((end, columns)) = self.step(orbit, length) else {
+        let Some(OrbitStep { end, columns }) = self.step(orbit, length) else {
             return Stretch::Shorter { part: SHRINK };
         };
         match self.event(orbit, &end, length) {
             StepEvent::Nothing => Stretch::Whole { end, columns },
             StepEvent::Unclear => Stretch::Shorter { part: 0.5 },
-            StepEvent::Bound { bound, time } => self.arrival(orbit, bound, [time, length]).map_or(
-                Stretch::Shorter { part: 0.5 },
-                |(state, time)| Stretch::ToBound { state, time, bound },
-            ),
+            StepEvent::Bound { bound, time } => match self.arrival(orbit, bound, time, length) {
+                Some(end) => Stretch::ToBound(end),
+                None => Stretch::Shorter { part: 0.5 },
+            },
         }
     }
 
@@ -150,9 +159,10 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
         Orbit { state, slopes }
     }
 
-    /// The orbit after a time `length`, and the number of columns that it took; `None` if all of
-    /// them are not accurate.
-    fn step(&self, from: &Orbit, length: f64) -> Option<(Orbit, usize)> {
+    /// The orbit after a time `length`; `None` if the extrapolation is not accurate.
+    fn step(&self, from: &Orbit, length: f64) -> Option<OrbitStep> {
+        let sights_passed = |a: usize| (from.slopes[a] * length / self.sights[a]).abs();
+        let least_columns = (0..MAX_DIMENSION).map(sights_passed).fold(0.0, f64::max);
         // The last row of the tableau of changes of the state.
         let mut row = [[0.0; 2 * MAX_DIMENSION]; COLUMNS];
         for k in 0..COLUMNS {
@@ -168,9 +178,12 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
             }
             row[k] = change;
             let differs = |c: usize| (change[c] - last[c]).abs() / self.scales[c];
-            if (0..2 * MAX_DIMENSION).all(|c| differs(c) <= TOLERANCE) {
+            let columns = k + 1;
+            if columns as f64 >= least_columns
+                && (0..2 * MAX_DIMENSION).all(|c| differs(c) <= TOLERANCE)
+            {
                 let state = std::array::from_fn(|c| from.state[c] + change[c]);
-                return Some((self.orbit(state), k + 1));
+                return Some(OrbitStep { end: self.orbit(state), columns });
             }
         }
         None
@@ -248,28 +261,24 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
         first.map_or(StepEvent::Nothing, |(bound, time)| StepEvent::Bound { bound, time })
     }
 
-    /// The state at which `orbit` reaches `bound`, and the time until then, which is about `time`;
-    /// `None` if it is beyond another bound there, or does not arrive by corrections of at most
-    /// `length`.
-    fn arrival(
-        &self,
-        orbit: &Orbit,
-        bound: OrbitBound,
-        [time, most]: [f64; 2],
-    ) -> Option<(OrbitState, f64)> {
+    /// The end of `orbit` at `bound`, which it reaches after about `time`; `None` if it is beyond
+    /// another bound there, or if corrections longer than `most` are needed.
+    fn arrival(&self, orbit: &Orbit, bound: OrbitBound, time: f64, most: f64) -> Option<OrbitEnd> {
         let c = bound.coordinate;
         let at = self.bounds[c][usize::from(bound.upper)];
         let (mut orbit, mut passed, mut length) = (*orbit, 0.0, time);
         for _ in 0..CORRECTIONS {
-            (orbit, _) = self.step(&orbit, length)?;
+            orbit = self.step(&orbit, length)?.end;
             passed += length;
             let gap = at - orbit.state[c];
             if gap.abs() <= REACHED * self.scales[c].max(at.abs()) {
                 orbit.state[c] = at;
-                return self.is_within(&orbit.state).then_some((orbit.state, passed.max(0.0)));
+                let end =
+                    OrbitEnd { state: orbit.state, time: passed.max(0.0), bound: Some(bound) };
+                return self.is_within(&orbit.state).then_some(end);
             }
             length = gap / orbit.slopes[c];
-            if !(length.abs() <= most) {
+            if length.is_nan() || length.abs() > most {
                 return None;
             }
         }
@@ -315,7 +324,8 @@ impl Way {
     /// The coordinate after a part `s` of the step, by cubic Hermite interpolation.
     fn at(&self, s: f64) -> f64 {
         let (r, [p, q], [u, v]) = (1.0 - s, self.ends, self.rises);
-        r * p + s * q + s * r * (r * (u - (q - p)) - s * (v - (q - p)))
+        let all = q - p;
+        p + s * (all + r * (r * (u - all) - s * (v - all)))
     }
 
     fn event(&self, lower: f64, upper: f64) -> WayEvent {

@@ -1,4 +1,5 @@
-//! The grid on which particles are traced: `V` is quadratic in each cell and jumps only at faces.
+//! The grid on which particles are traced: `V` is quadratic or smooth in each cell, and jumps only
+//! at faces.
 
 use crate::base::error::Result;
 use crate::problem::case::Case;
@@ -16,15 +17,15 @@ const FEW_EDGES: usize = 8;
 const CURVATURE_DEGREE: usize = 3;
 
 /// By space cell, row-major: the number of layers of cells around it in which `V` is, as in itself,
-/// the same function ([`TracedPotential::piece`]).
+/// the same function ([`TracedPotential::function_number`]).
 pub(super) fn free_layers(potential: &TracedPotential) -> Vec<u32> {
     let space = &potential.space;
     let n = space.dimension();
-    let pieces: Vec<_> =
-        box_cells(&space.space_ranges()).map(|cell| potential.piece(&cell)).collect();
-    let layers = |piece: &Option<u16>| if piece.is_some() { u32::MAX } else { 0 };
-    let mut distance: Vec<u32> = pieces.iter().map(layers).collect();
-    // Chebyshev distance to the nearest cell of another piece, by one sweep up and one down
+    let functions: Vec<_> =
+        box_cells(&space.space_ranges()).map(|cell| potential.function_number(&cell)).collect();
+    let layers = |function: &Option<u32>| if function.is_some() { u32::MAX } else { 0 };
+    let mut distance: Vec<u32> = functions.iter().map(layers).collect();
+    // Chebyshev distance to the nearest cell of another function, by one sweep up and one down
     // (Rosenfeld and Pfaltz 1966), over the neighbours that come before a cell in row-major order
     // and over their mirror images.
     let mut before: Vec<_> = box_cells(&vec![0..3; n]).map(|d| d.map(|d| d as i64 - 1)).collect();
@@ -44,7 +45,7 @@ pub(super) fn free_layers(potential: &TracedPotential) -> Vec<u32> {
                 }
                 if inside {
                     let at = of_cell(neighbour as usize);
-                    let layers = if pieces[at] == pieces[k] { distance[at] } else { 0 };
+                    let layers = if functions[at] == functions[k] { distance[at] } else { 0 };
                     least = least.min(layers.saturating_add(1));
                 }
             }
@@ -103,7 +104,7 @@ const CELL_BYTES: u64 = 52;
 /// Memory of the curvatures in a space cell.
 const CURVATURE_BYTES: u64 = 24;
 /// Memory of the number of a cell's formula.
-const FORMULA_BYTES: u64 = 2;
+const FORMULA_BYTES: u64 = 4;
 
 /// The grid on which particles are traced.
 pub(super) struct TracedGrid {
@@ -138,7 +139,7 @@ impl TracedGrid {
             let potential = TracedPotential::new(sample, space, true);
             potential.is_ok_and(|potential| moves_by_axes(&potential))
         };
-        if is_fine && (case.space.dimension() == 1 || by_axes()) {
+        if case.space.dimension() == 1 || is_fine && by_axes() {
             return by_cells;
         }
         let space = cut_elements(case, &edges, most, false);
@@ -157,7 +158,7 @@ fn has_smooth_formulas(case: &Case) -> bool {
 ///
 /// Particles follow the formulas of `V` where these are smooth, if parabolas in the cells are not
 /// exact. The exceptions are one dimension, and motions along the axes that are independent of each
-/// other: a path through many cells takes less time there.
+/// other, on enough cells: a path through many cells takes less time there.
 pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
     Ok(TracedGrid::new(case, case, element_shape(case)?, most))
 }

@@ -155,7 +155,7 @@ struct Parser<'a> {
     zero_divisions: Vec<usize>,
     /// The condition of the last `if` that was read, if it is constant.
     condition: Option<f64>,
-    /// Number of `if` that were read.
+    /// Number of `if` that were read, without those of parts that end with their `else`.
     ifs: usize,
 }
 
@@ -205,7 +205,8 @@ impl<'a> Parser<'a> {
     /// Reads `tighter (operator tighter)*` with the operators of `precedence`.
     fn chain(&mut self, precedence: usize) -> Result<FormulaNode, String> {
         let Some(operators) = OPERATORS.get(precedence) else { return self.nested(Self::operand) };
-        let (first_division, mut ifs) = (self.zero_divisions.len(), self.ifs);
+        let (first_division, ifs_before) = (self.zero_divisions.len(), self.ifs);
+        let (mut ifs, mut has_else) = (ifs_before, false);
         let mut first = self.chain(precedence + 1)?;
         let mut rest: Vec<(Binary, FormulaNode)> = Vec::new();
         let mut compared = false;
@@ -225,7 +226,7 @@ impl<'a> Parser<'a> {
             compared = precedence == COMPARISONS;
             self.position += 1;
             let division = self.zero_divisions.len();
-            ifs = self.ifs;
+            (ifs, has_else) = (self.ifs, precedence == ELSE);
             let right = self.chain(precedence + 1)?;
             let value = if let FormulaNode::Number(value) = right { Some(value) } else { None };
             match precedence {
@@ -251,6 +252,10 @@ impl<'a> Parser<'a> {
             }
         }
         self.condition = condition.filter(|_| precedence == IF);
+        if precedence == ELSE && has_else && self.ifs == ifs {
+            // Each `if` has its `else`.
+            self.ifs = ifs_before;
+        }
         Ok(if rest.is_empty() { first } else { FormulaNode::Chain(Box::new(first), rest) })
     }
 

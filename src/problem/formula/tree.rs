@@ -18,7 +18,8 @@ pub(super) type ValueAndSlopes = [f64; 1 + MAX_DIMENSION];
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unary {
     of: fn(f64) -> f64,
-    /// Its derivative; `None` if it jumps or has a kink.
+    /// Its derivative; `None` if it jumps or has a kink. A root counts as smooth: that of `x² + y²`
+    /// has its kink at one point only.
     slope: Option<fn(f64) -> f64>,
 }
 
@@ -100,7 +101,7 @@ pub(super) const COMPARISONS: usize = 4;
 pub(super) const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
     ("abs", Unary::broken(f64::abs)),
     ("sqrt", Unary::smooth(f64::sqrt, |a| 0.5 / a.sqrt())),
-    ("cbrt", Unary::smooth(f64::cbrt, |a| 1.0 / (3.0 * a.cbrt() * a.cbrt()))),
+    ("cbrt", Unary::broken(f64::cbrt)),
     ("exp", Unary::smooth(f64::exp, f64::exp)),
     ("ln", Unary::smooth(f64::ln, |a| 1.0 / a)),
     ("log", Unary::smooth(f64::ln, |a| 1.0 / a)),
@@ -108,8 +109,8 @@ pub(super) const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
     ("sin", Unary::smooth(f64::sin, f64::cos)),
     ("cos", Unary::smooth(f64::cos, |a| -a.sin())),
     ("tan", Unary::smooth(f64::tan, |a| 1.0 + a.tan() * a.tan())),
-    ("asin", Unary::smooth(f64::asin, |a| 1.0 / (1.0 - a * a).sqrt())),
-    ("acos", Unary::smooth(f64::acos, |a| -1.0 / (1.0 - a * a).sqrt())),
+    ("asin", Unary::broken(f64::asin)),
+    ("acos", Unary::broken(f64::acos)),
     ("atan", Unary::smooth(f64::atan, |a| 1.0 / (1.0 + a * a))),
     ("sinh", Unary::smooth(f64::sinh, f64::cosh)),
     ("cosh", Unary::smooth(f64::cosh, f64::sinh)),
@@ -124,7 +125,7 @@ pub(super) const NEGATIVE: Unary = Unary::smooth(|a| -a, |_| -1.0);
 pub(super) const FUNCTIONS_OF_TWO: [(&str, Binary); 3] = [
     ("min", binary!(|a, b| choose(a, b, f64::min))),
     ("max", binary!(|a, b| choose(a, b, f64::max))),
-    ("atan2", binary!(f64::atan2, [|a, b| b / (a * a + b * b), |a, b| -a / (a * a + b * b)])),
+    ("atan2", binary!(f64::atan2)),
 ];
 
 /// A comparison or a logical operation; NaN if an operand is NaN.

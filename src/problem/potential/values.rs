@@ -70,11 +70,10 @@ impl PotentialValues<'_> {
         let behind = self.value(below, &lower);
         let jump = at_lower - behind;
         // If the formulas agree here up to round-off, this is a kink and not a jump.
-        let drop = match axis.nodes.degree {
-            0 => (slope * axis.width()).abs(),
-            _ => drop.abs(),
-        };
-        let scale = at_lower.abs().max(behind.abs()).max(drop);
+        let mut before = lower;
+        before[a] = axis.face(if turns { axis.elements() as i64 } else { element } - 1);
+        let drop_behind = (behind - self.value(below, &before)).abs();
+        let scale = at_lower.abs().max(behind.abs()).max(drop.abs()).max(drop_behind);
         if jump.abs() <= KINK * scale { [0.0, slope] } else { [jump, slope] }
     }
 

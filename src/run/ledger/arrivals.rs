@@ -367,41 +367,44 @@ pub fn values_at(world: &Group, result: &ComparedResult<'_>, points: &[[f64; 6]]
     world.gathered(parts).chunks(1 << corners).map(|parts| parts.iter().sum()).collect()
 }
 
-/// The faces across axes of degree 0 at which `V` jumps, so that `f` does.
-struct FacesWithJumps<'a> {
-    space: &'a PhaseSpace,
-    /// `None` where `V` does not jump.
+/// The faces of elements at which `V` jumps, so that `f` does.
+struct FacesWithJumps {
+    elements: PhaseSpace,
+    /// `V` in the elements; `None` where it does not jump, or is not known.
     potential: Option<Potential>,
 }
 
-impl<'a> FacesWithJumps<'a> {
-    fn new(case: &'a Case) -> Self {
-        let space = &case.space;
-        let may_jump = !is_one_piece(&case.potential) || space.periodic.contains(&true);
-        // Where V is not finite on other cells, its jumps are not known.
-        let potential = may_jump.then(|| Potential::whole(case).ok()).flatten();
-        Self { space, potential }
+impl FacesWithJumps {
+    fn new(case: &Case) -> Self {
+        let elements = case.space.by_elements();
+        let has_cells = case.space.x.iter().any(|axis| axis.nodes.degree == 0);
+        let may_jump = !is_one_piece(&case.potential) || case.space.periodic.contains(&true);
+        // Where V is not finite on other cells, f counts as continuous.
+        let whole = || Potential::whole(&Case { space: elements.clone(), ..case.clone() }).ok();
+        let potential = if has_cells && may_jump { whole() } else { None };
+        Self { elements, potential }
     }
 
-    /// Whether `V` jumps at the lower face of cell `face` along axis `a`, in the elements around
-    /// `point` along the other axes.
+    /// Whether `V` jumps at the lower face of element `face` along axis `a` of space, in the
+    /// elements around `point` along the other axes.
     fn at(&self, point: &[f64; 6], a: usize, face: usize) -> bool {
-        let Some(potential) = self.potential.as_ref().filter(|_| a < self.space.dimension()) else {
+        let n = self.elements.dimension();
+        let Some(potential) = self.potential.as_ref().filter(|_| a < n) else {
             return false;
         };
-        let first_of_element = |(axis, x): (&Axis, &f64)| axis.element_at(*x) * axis.nodes.count();
-        let mut cell = [0; MAX_DIMENSION];
-        let first = self.space.x.iter().zip(point).map(first_of_element);
-        cell.iter_mut().zip(first).for_each(|(cell, first)| *cell = first);
-        cell[a] = face;
-        potential.jump_below(&cell[..self.space.dimension()], a) != 0.0
+        let mut element = [0; MAX_DIMENSION];
+        for (b, axis) in self.elements.x.iter().enumerate() {
+            element[b] = if b == a { face } else { axis.element_at(point[b]) };
+        }
+        potential.jump_below(&element[..n], a) != 0.0
     }
 }
 
 /// The cells along axis `k` of the `2n` by which a function is interpolated at `x`, with weights.
-/// An axis of degree 0 has two: that around `x` and its neighbour on the side of `x`. Behind an end
-/// of the box, and where `jumps` holds for the face between them, it is the neighbour on the other
-/// side, if there is one.
+///
+/// An axis of degree 0 has two cells: the one around `x`, and its neighbour on the side of `x`. If
+/// `jumps` holds for the face between them, or an end of the box is there, the line through the
+/// cell and its other neighbour is continued.
 fn interpolation(
     space: &PhaseSpace,
     k: usize,
