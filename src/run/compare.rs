@@ -6,7 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
-use crate::propagate::classical::{Classical, classical_steps};
+use crate::propagate::classical::{Classical, classical_steps, exponential_error};
 use crate::propagate::time_dependent_inflow::Schedule;
 use crate::propagate::{round_off, steps};
 use crate::quantum::labelled_number::LabelledNumber;
@@ -166,7 +166,7 @@ pub(crate) fn continued(
     let growth = (weights.certificate.max(0.0) * case.duration()).exp();
     let inherited = origin.error.map(|error| error * ratio * spread * growth);
     let error_inherited = inherited.filter(|error| error.is_finite());
-    let own = summary.own_error();
+    let own = summary.own_error().or_else(|| exponential_error(case, summary.matvecs));
     Some(ContinuedResult {
         file: start.path.display().to_string(),
         checksum: checksum::text(origin.checksum),
