@@ -202,6 +202,12 @@ pub fn rounded_up(x: f64) -> f64 {
     format!("{digits}e{power}").parse().unwrap_or(x)
 }
 
+/// A number of things: a whole one below a million as it is, `16384`; else four digits, `2.097e6`.
+pub fn count_text(count: f64) -> String {
+    const MOST: f64 = 1e6;
+    if count.fract() == 0.0 && count < MOST { count.to_string() } else { format!("{count:.3e}") }
+}
+
 /// Four digits, without trailing zeros.
 pub fn short(value: f64) -> String {
     digits(value, 4)
@@ -347,6 +353,14 @@ mod tests {
     fn budgets_are_rounded_up_to_two_digits() {
         for (x, digits) in [(44.2, 45.0), (40.0, 40.0), (99.1, 100.0), (1001.0, 1100.0)] {
             assert_eq!(rounded_up(x), digits);
+        }
+    }
+
+    #[test]
+    fn counts_are_whole_below_a_million() {
+        let rows = [(72.0, "72"), (999999.0, "999999"), (2097152.0, "2.097e6"), (2.5, "2.500e0")];
+        for (count, text) in rows {
+            assert_eq!(count_text(count), text);
         }
     }
 

@@ -133,6 +133,12 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
             "--set {key}: that follows from DIR and --until; leave it out"
         )));
     }
+    if case.warped_start.is_some() && !keys.iter().any(|key| key.starts_with("initial")) {
+        return Err(wrong(&format!(
+            "its run began from initial.warped, so that the formula of f at t = 0 is not known, \
+             which a continued run needs; run its case again with --set time.end={until}"
+        )));
+    }
     let path = std::fs::canonicalize(directory.join(RESULT)).map_err(|e| wrong(&e))?;
     let path = path.to_str().ok_or_else(|| wrong(&"its path is no UTF-8 text"))?;
     let is_given =

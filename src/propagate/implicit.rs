@@ -148,6 +148,10 @@ impl Propagator for Implicit {
         let size = interval.centre.abs() + interval.half_width;
         self.leading(system.time, steps) * size.powi(self.order as i32 + 1)
     }
+
+    fn step_order(&self) -> i32 {
+        self.order as i32
+    }
 }
 
 /// Equal steps over `time`, none longer than `step`: `⌈T/step⌉`.

@@ -85,6 +85,11 @@ pub trait Propagator {
     fn largest_step_error(&self, _system: &Evolution<'_>, _mu: f64, _steps: usize) -> f64 {
         0.0
     }
+
+    /// The power `q` of the time step with which that error falls.
+    fn step_order(&self) -> i32 {
+        0
+    }
 }
 
 /// How the modes of a batch are coupled.

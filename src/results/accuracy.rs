@@ -1,7 +1,7 @@
 //! The errors of a run ([`Accuracy`]) and a sentence about them.
 
 use crate::base::text::{
-    ALGORITHM_ERROR, GRID_ERROR, one_digit, percent, quoted, rounded_down, short,
+    ALGORITHM_ERROR, GRID_ERROR, one_digit, percent, quoted, rounded_down, rounded_up, short,
 };
 pub use crate::problem::case::GridErrorPair;
 use crate::problem::case::{Case, Exact, Limiter, Method};
@@ -217,7 +217,8 @@ impl Accuracy {
             ..self
         };
         let of_algorithm = found.algorithm_or_tolerance();
-        let dominates = of_algorithm > 0.0 && found.worst() > DOMINANT * of_algorithm;
+        // Without a tolerance there is none to loosen.
+        let dominates = found.asked.is_some() && found.worst() > DOMINANT * of_algorithm;
         let under_resolved = found.is_coarse() || dominates;
         Self { under_resolved, ..found }
     }
@@ -266,9 +267,15 @@ impl Accuracy {
 
     /// A sentence that compares the two errors; `None` if the grid's error is unknown.
     pub fn line(&self) -> Option<String> {
+        let of_algorithm = match (self.algorithm, &self.algorithm_unknown) {
+            (Some(error), _) => Some(format!("{ALGORITHM_ERROR} {error:.1e}")),
+            (None, Some(known)) => Some(format!("{ALGORITHM_ERROR} {known}")),
+            (None, None) => None,
+        };
         let Some(errors) = self.errors_of_grid() else {
             let why = self.unknown.as_ref()?;
-            return Some(format!("accuracy: {GRID_ERROR} not estimated: {why}"));
+            let of_algorithm = of_algorithm.map_or(String::new(), |text| text + "; ");
+            return Some(format!("accuracy: {of_algorithm}{GRID_ERROR} not estimated: {why}"));
         };
         let head = match (self.staircase, self.under_resolved) {
             (true, _) => "STAIRCASE",
@@ -278,11 +285,7 @@ impl Accuracy {
         let advice = self.advice_after();
         let what = self.what_is_measured();
         let how = if self.grid_measured { "measured" } else { "estimated" };
-        let of_algorithm = match (self.algorithm, &self.algorithm_unknown) {
-            (Some(error), _) => format!("; {ALGORITHM_ERROR} {error:.1e}"),
-            (None, Some(known)) => format!("; {ALGORITHM_ERROR} {known}"),
-            (None, None) => String::new(),
-        };
+        let of_algorithm = of_algorithm.map_or(String::new(), |text| format!("; {text}"));
         Some(format!("{head}: {what} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
     }
 
@@ -363,7 +366,8 @@ impl Accuracy {
             _ => format!(", or a higher {key} where f does not jump,"),
         };
         let then = if !is_large {
-            let enough = rounded_down(self.worst() / DOMINANT);
+            // A measured error may grow by as much as the tolerance.
+            let enough = rounded_up(self.worst() / (DOMINANT - 1.0));
             format!("; with this grid solver.tolerance = {enough:e} would suffice")
         } else if case.starts_anew() && self.goal.is_none() {
             format!("; phasewarp advise {} --accuracy ε finds a grid", quoted(&case.name))

@@ -1,7 +1,7 @@
 //! Judges a run by the numbers of its summary: its accuracy, the goals that it misses, what would
 //! help, what is not known.
 
-use crate::problem::case::{Case, Data, Method};
+use crate::problem::case::{Case, Data, Integrator, Method};
 use crate::results::accuracy::{
     Accuracy, EstimatedErrors, GridErrorPair, STAIRCASE, hides_staircase, is_large,
 };
@@ -95,6 +95,9 @@ impl Summary {
             // The line about a missed tolerance says it all.
             accuracy.under_resolved = accuracy.is_coarse() && self.missed.tolerance.is_none();
             let knob = match (case.method, self.step_error, &self.continued) {
+                (Method::Classical, _, Some(_)) if case.integrator == Integrator::Exponential => {
+                    "a smaller solver.tolerance of the first part"
+                }
                 (Method::Classical, ..) => "a smaller solver.classical.cfl",
                 (_, Some(_), _) => "a shorter solver.propagator.step",
                 (_, None, Some(_)) => "a smaller solver.tolerance, also of the first part,",

@@ -31,6 +31,9 @@ pub struct Ledger {
     /// them where `V` jumps.
     #[serde(default)]
     pub rest_in_cell: bool,
+    /// Whether no axis of space has ends: what leaves then leaves the velocity box.
+    #[serde(default)]
+    pub closed_space: bool,
     /// The numbers that could not be found, and why.
     pub omitted: Vec<String>,
     /// The keys that give the lowest degree of the axes, for remedies.
@@ -50,8 +53,11 @@ pub struct Mass {
     pub formula: Option<f64>,
     /// Standard error of that integral.
     pub formula_error: Option<f64>,
-    /// Integral of `|f|` at time zero plus that of the inflow. Shares are relative to it.
+    /// Integral of `|f|` at the start plus that of the inflow. Shares are relative to it.
     pub absolute: Option<f64>,
+    /// Integral of `|f|` at the start. What the grid misses there is relative to it.
+    #[serde(default)]
+    pub absolute_initial: Option<f64>,
     /// Integral of the formula over velocities beyond the box, up to half its width on each side.
     pub beyond: Option<f64>,
     /// Mass whose velocity is outside of the box at time zero, for measure-valued data.
@@ -143,8 +149,7 @@ pub struct NarrowRegion {
 impl Ledger {
     /// A mass as a part of all there is.
     fn share(&self, mass: f64) -> Option<f64> {
-        let all = self.mass.absolute.or(self.mass.initial.map(f64::abs))?;
-        Some(rounded(mass / all, 1.0)).filter(|share| share.is_finite())
+        part(mass, self.mass.absolute?)
     }
 
     /// The mass that the hat interface adds or takes, as a share of all mass.
@@ -152,14 +157,21 @@ impl Ledger {
         self.share(self.mass.interface_estimate?.abs())
     }
 
-    /// The grid's mass at time zero minus that of the formula, as a share of all mass; `None` if
-    /// the integral of the formula is not known well enough.
+    /// The grid's mass at time zero minus that of the formula, as a share of the mass at that time;
+    /// `None` if the integral of the formula is not known well enough.
     fn missed_by_grid(&self) -> Option<f64> {
         let (initial, formula) = (self.mass.initial?, self.mass.formula?);
         let uncertain = STANDARD_ERRORS * self.mass.formula_error?;
         let missed = initial - formula;
-        self.share(missed).filter(|share| missed.abs() > uncertain && *share != 0.0)
+        // Older summaries have all mass only.
+        let all = self.mass.absolute_initial.or(self.mass.absolute)?;
+        part(missed, all).filter(|share| missed.abs() > uncertain && *share != 0.0)
     }
+}
+
+/// A mass as a part of `all`, if there is any.
+fn part(mass: f64, all: f64) -> Option<f64> {
+    Some(rounded(mass / all, 1.0)).filter(|part| part.is_finite())
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::files::stored_checksum;
 use crate::problem::case::{Case, GridErrorPair, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
+use crate::propagate::classical::exponential_error;
 use crate::results::FileResult;
 use crate::results::provenance::SAME_PROBLEM;
 use crate::results::readback::{
@@ -52,7 +53,7 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
     same_grid(&file, &f, &case.space)?;
     let case_of = stored_case(&file);
     let OriginErrors { error, grid_errors } =
-        OriginErrors::of(path.parent().unwrap_or(Path::new("")));
+        OriginErrors::of(path.parent().unwrap_or(Path::new("")), case_of.as_ref());
     Ok(ResultOrigin {
         checksum: stored_checksum(&f).map_err(|_| "/f carries no checksum")?,
         time,
@@ -73,7 +74,7 @@ fn stored_case(file: &File) -> Option<Case> {
     Case::parse("case", &stored.text().ok()?, &stored.overrides).ok()
 }
 
-/// The errors of the result in a directory; none if its summary is not as it was written.
+/// The errors of a result; none if its summary is not as it was written.
 #[derive(Debug, Default, PartialEq)]
 struct OriginErrors {
     /// Relative l2 distance of `f` to the semi-discrete solution since time 0.
@@ -82,7 +83,8 @@ struct OriginErrors {
 }
 
 impl OriginErrors {
-    fn of(directory: &Path) -> Self {
+    /// Those of the result of `case` in a directory.
+    fn of(directory: &Path, case: Option<&Case>) -> Self {
         let Ok(summary) = summary::read(directory) else { return Self::default() };
         let accuracy = &summary["accuracy"];
         // Those that are mostly the algorithm's say little about the grid.
@@ -95,7 +97,13 @@ impl OriginErrors {
         }
         let reliable = summary["error_estimate_reliable"].as_bool() == Some(true);
         let estimate = summary["error_estimate"].as_f64().filter(|_| reliable);
-        Self { error: summary["error_semidiscrete"].as_f64().or(estimate), grid_errors }
+        // The field before `output.positive` is not stored.
+        let exact = || {
+            let applications = summary["matvecs"].as_u64()? as usize;
+            exponential_error(case.filter(|case| !case.positive)?, applications)
+        };
+        let measured = summary["error_semidiscrete"].as_f64();
+        Self { error: measured.or(estimate).or_else(exact), grid_errors }
     }
 }
 
@@ -171,12 +179,12 @@ mod tests {
         let written = Summary { error_semidiscrete: Some(0.25), accuracy, ..Summary::default() };
         written.write(directory.path()).expect("a summary");
         let expected = OriginErrors { error: Some(0.25), grid_errors };
-        assert_eq!(OriginErrors::of(directory.path()), expected);
+        assert_eq!(OriginErrors::of(directory.path(), None), expected);
         let path = directory.path().join(summary::NAME);
         let text = std::fs::read_to_string(&path).expect("a text");
         let changed = text.replacen("0.25", "0.125", 1);
         assert_ne!(changed, text);
         std::fs::write(&path, changed).expect("written");
-        assert_eq!(OriginErrors::of(directory.path()), OriginErrors::default());
+        assert_eq!(OriginErrors::of(directory.path(), None), OriginErrors::default());
     }
 }

@@ -105,6 +105,10 @@ mod tests {
             assert_eq!(Verdict::of(&MissedGoals::default(), &accuracy, None), expected);
             assert_eq!(Verdict::of(&missed, &accuracy, None), Verdict::Missed);
         }
+        // Without a tolerance the grid's error does not dominate that of exact steps.
+        let exact = Accuracy { algorithm: Some(1e-14), ..Accuracy::default() };
+        let exact = exact.with_grid(measured, GridErrorPair::default());
+        assert_eq!(Verdict::of(&MissedGoals::default(), &exact, None), Verdict::Resolved);
         let before = ContinuedResult {
             file: String::new(),
             checksum: String::new(),

@@ -6,9 +6,9 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::plan::Plan;
 use crate::problem::case::{Case, Integrator};
-use crate::propagate::classical::{Classical, classical_steps};
-use crate::propagate::round_off;
+use crate::propagate::classical::{Classical, classical_steps, exponential_error};
 use crate::propagate::time_dependent_inflow::Schedule;
+use crate::propagate::{round_off, steps};
 use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::probability::{PlannedState, Probabilities};
 use crate::results::accuracy::GridErrorPair;
@@ -72,7 +72,7 @@ pub(crate) fn compare(
     // A measured error says more.
     let jumps = (summary.inflow_jumps && !case.verify).then(|| INFLOW_JUMPS.to_owned());
     let warnings: Vec<String> =
-        norm_fell.into_iter().chain(jumps).chain(above_tolerance(plan, summary)).collect();
+        norm_fell.into_iter().chain(jumps).chain(above_tolerance(case, plan, summary)).collect();
     let norms = state_norms(prepared, solution.first_field());
     summary.probabilities = Some(Probabilities::new(
         &PlannedState::of_plan(warp, &plan.bounds, case),
@@ -166,7 +166,7 @@ pub(crate) fn continued(
     let growth = (weights.certificate.max(0.0) * case.duration()).exp();
     let inherited = origin.error.map(|error| error * ratio * spread * growth);
     let error_inherited = inherited.filter(|error| error.is_finite());
-    let own = summary.own_error();
+    let own = summary.own_error().or_else(|| exponential_error(case, summary.matvecs));
     Some(ContinuedResult {
         file: start.path.display().to_string(),
         checksum: checksum::text(origin.checksum),
@@ -355,8 +355,16 @@ fn include_step_error(summary: &mut Summary) {
 /// Ratio to the tolerance from which a doubtful estimate leads to a warning.
 const DOUBTFUL_MARGIN: f64 = 1.5;
 
+/// The step that has the error of the steps of `case`, of which those of each leg are equal, if all
+/// were equal.
+fn mean_step(case: &Case, order: f64) -> f64 {
+    let of_leg = |leg: f64| leg * (leg / steps(&case.propagator, leg) as f64).powf(order);
+    let sum: f64 = case.legs().into_iter().map(of_leg).sum();
+    (sum / case.duration()).powf(1.0 / order)
+}
+
 /// The warning that the error estimate of `summary` is above the tolerance, if it is.
-fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
+fn above_tolerance(case: &Case, plan: &Plan, summary: &Summary) -> Option<String> {
     let tolerance = plan.tolerance;
     let (Some(found), Some(step)) = (summary.step_error, plan.propagation.step) else {
         let whole = summary.error_estimate.filter(|_| !summary.hidden_by_round_off)?;
@@ -374,7 +382,9 @@ fn above_tolerance(plan: &Plan, summary: &Summary) -> Option<String> {
     // This part of the error falls with a power of the step; the rest does not depend on it.
     let order = plan.propagation.method.order() as f64;
     let room = tolerance - (whole - found);
-    let step_for = |part: f64| step * (part / found).powf(1.0 / order);
+    let mean = mean_step(case, order);
+    // Rounding to two digits adds at most the margin.
+    let step_for = |part: f64| 0.95 * mean * (part / found).powf(1.0 / order);
     let enough = if room > 0.0 {
         format!("about {:.1e} would meet it", step_for(room))
     } else if found > 0.5 * tolerance {

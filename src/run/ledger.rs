@@ -28,6 +28,7 @@ use crate::run::ledger::draw::{
     ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
 };
 use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker};
+use crate::run::norms::volumes_of;
 use crate::scheme::interface::energy::allows_elements;
 use crate::scheme::interface::law_of;
 use crate::solve::prepared::Prepared;
@@ -83,6 +84,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     let ledger = &mut found.ledger;
     ledger.degree_keys = case.degree_keys(case.space.lowest_degree());
     ledger.rest_in_cell = !allows_elements(case);
+    ledger.closed_space = (0..case.space.dimension()).all(|axis| case.space.is_periodic(axis));
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
             "jumps and regions of V, and all estimates: {} cells of space; at most \
@@ -237,7 +239,7 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
         mass.entered_error = Some(sources.error_of_entering() + 0.0);
     }
     let absolute = sources.sum(|tally| tally.absolute);
-    mass.absolute = Some(absolute);
+    (mass.absolute, mass.absolute_initial) = (Some(absolute), Some(initial.mean.absolute));
     let names = axis_names(case.space.dimension());
     for jump in &mut ledger.jumps {
         let axis = names.iter().position(|name| *name == jump.axis).unwrap_or(0);
@@ -401,23 +403,60 @@ fn box_around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
     SampleBox { lower: (0..axes).map(lower).collect(), upper: (0..axes).map(upper).collect() }
 }
 
+/// A mass, and the integral of `|f|` over it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GridMass {
+    /// The mass.
+    pub signed: f64,
+    /// The integral of `|f|`.
+    pub absolute: f64,
+}
+
+/// `∫ |f|` at the start on the grid, where that of the formula is not known: for measure-valued
+/// data the size of their mass. Collective.
+fn absolute_start(prepared: &Prepared, initial: Totals) -> f64 {
+    if prepared.case.is_measure_valued() {
+        return initial.mass.abs();
+    }
+    let Prepared { communicator, rank_cells, system, .. } = prepared;
+    let f = system.weights.own_field(&rank_cells.mine, &system.states[0]);
+    let volumes = volumes_of(prepared);
+    volumes.sum(&communicator.world, |i| f[i].abs()) * volumes.mean
+}
+
+/// Puts the integrals of `|f|` into `ledger`, where those of the formula are not known. Collective.
+pub fn absolute_masses(
+    prepared: &Prepared,
+    ledger: &mut Ledger,
+    initial: Option<Totals>,
+    entered: Option<GridMass>,
+) {
+    let mass = &mut ledger.mass;
+    let (None, Some(initial)) = (mass.absolute, initial) else { return };
+    let start = absolute_start(prepared, initial);
+    mass.absolute_initial = Some(start);
+    mass.absolute = entered.map(|entered| start + entered.absolute);
+}
+
 /// The mass that enters the grid until the end, by the rows of the scheme; `None` for
 /// measure-valued data. If it takes too many values of the inflow, that is added to what `ledger`
 /// leaves out. Collective.
-pub fn entered_mass(prepared: &Prepared, ledger: &mut Ledger) -> Option<f64> {
+pub fn entered_mass(prepared: &Prepared, ledger: &mut Ledger) -> Option<GridMass> {
     let (case, system) = (&prepared.case, &prepared.system);
     if case.is_measure_valued() {
         return None;
     }
     if !case.enters() {
-        return Some(0.0);
+        return Some(GridMass::default());
     }
     let (matrix, space) = (&system.matrix, &prepared.communicator.space);
     let volumes = CellVolumes::new(&case.space, &matrix.block.ranges);
     let mass = |integrals: &[f64]| {
         let rows = matrix.inflow.iter().zip(integrals);
         let terms: Vec<f64> = rows.map(|(row, b)| b * volumes.relative(row.row as usize)).collect();
-        space.sum_terms(&terms) * volumes.mean
+        let sizes: Vec<f64> = terms.iter().map(|term| term.abs()).collect();
+        let [signed, absolute] = [&terms, &sizes].map(|of| space.sum_terms(of) * volumes.mean);
+        GridMass { signed, absolute }
     };
     if !case.varies() {
         let values = matrix.inflow.iter().map(|row| case.duration() * row.values[0]);

@@ -172,6 +172,10 @@ impl<'a> Driver<'a> {
             Some(_) => ledger::entered_mass(&planned.prepared, &mut ledger),
             None => None,
         };
+        if self.output.is_some() {
+            ledger::absolute_masses(&planned.prepared, &mut ledger, totals, entered);
+        }
+        let entered = entered.map(|entered| entered.signed);
         self.log.watch.lap("observables");
         let early = at_start.filter(|_| planned.prepared.case.output_at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered, arrivals })

@@ -10,7 +10,7 @@ use crate::propagate::method::{BatchReport, Propagator};
 use crate::schrodingerization::recovery::Reading;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::rank_modes::{ModeProgress, RankModes};
-use crate::solve::stage::{FullRunModes, Stage, Task, whole_over_leg};
+use crate::solve::stage::{FullRunModes, Stage, Task};
 use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::ModeSum;
 use num_complex::Complex64;
@@ -202,7 +202,7 @@ fn add_step_error(
     LaneProgress { phases, norms, .. }: &LaneProgress,
 ) {
     let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) else { return };
-    let whole = whole_over_leg(task.legs, task.legs.len() - 1);
+    let whole = task.whole_over_last(propagator.step_order());
     let steps = spec.largest_work();
     let bound =
         |l: usize| propagator.largest_step_error(system, spec.wavenumbers[l], steps) * norms[l];

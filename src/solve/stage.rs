@@ -33,6 +33,19 @@ pub struct Task<'a> {
     pub moments: Option<&'a MomentsOf<'a>>,
 }
 
+impl Task<'_> {
+    /// The error of the time steps of all legs in errors of those of the last leg: `Σ t Δt^q` over
+    /// the legs, each with equal steps.
+    pub fn whole_over_last(&self, order: i32) -> f64 {
+        let of_leg = |(leg, work): (&Leg, &Vec<usize>)| {
+            let steps = work.first().map_or(1, |steps| (*steps).max(1));
+            leg.time * (leg.time / steps as f64).powi(order)
+        };
+        let parts: Vec<f64> = self.legs.iter().zip(&self.warp.leg_work).map(of_leg).collect();
+        parts.last().map_or(1.0, |last| parts.iter().sum::<f64>() / last)
+    }
+}
+
 /// The recovered fields on this rank's share of the block's cells.
 #[derive(Clone, Debug, Default)]
 pub struct RecoveredFields {
@@ -140,7 +153,7 @@ impl<'a> Stage<'a> {
             // T Δt^q c G^(q+1) w, G at most as large as H of the last mode.
             let mode = warp.modes.saturating_sub(1);
             let (mu, steps) = (warp.wavenumber(mode), warp.leg_work[last][mode]);
-            let whole = whole_over_leg(task.legs, last);
+            let whole = task.whole_over_last(propagator.step_order());
             system.time = task.legs[last].time;
             let size = whole * propagator.largest_step_error(system, mu, steps);
             field(&warp.readings[0], size)
@@ -176,10 +189,4 @@ impl<'a> Stage<'a> {
         recovered.step_errors.extend(self.step_sum.map(share));
         recovered.step_beyond.push(modes.sum_terms(&self.beyond));
     }
-}
-
-/// The time up to the end of a leg divided by the length of the leg: the factor by which the error
-/// of equal steps has grown.
-pub(crate) fn whole_over_leg(legs: &[Leg], leg: usize) -> f64 {
-    legs[..=leg].iter().map(|leg| leg.time).sum::<f64>() / legs[leg].time
 }

@@ -151,6 +151,68 @@ fn steps_go_on() {
     assert_eq!(inherited(&summary, "error_total"), None);
 }
 
+/// The classical exponential has the error of round-off: a part by it has a known error, and so has
+/// what continues it.
+#[test]
+fn the_error_of_a_classical_exponential_is_known() {
+    const CLASSICAL: &[&str] = &["solver.method=classical"];
+    let coarse = ["axis.0.x.cells=24", "axis.0.v.cells=20", "solver.tolerance=1e-6"];
+    const VERIFIED: &[&str] = &["solver.verify=true"];
+    const NEXT: &[&str] = &["solver.method=classical", "solver.verify=false"];
+    let rows: [([&[&str]; 2], [f64; 2]); 2] =
+        [([CLASSICAL, &[]], [1e-15, 1e-11]), ([VERIFIED, NEXT], [1e-9, 1e-4])];
+    check_all(&rows, |&([before, after], [least, most])| {
+        let (first, second) = (directory(), directory());
+        let job = run("inflow_barrier.toml").set(&coarse).set(&["time.end=0.2"]).set(before);
+        job.solve(first.path())?;
+        let job = on(first.path(), 0.3).set(after).into(second.path());
+        let finished = job.succeed()?;
+        let summary = Summary::read(finished, second.path())?;
+        let total = inherited(&summary, "error_total").unwrap_or(f64::NAN);
+        let is_known = total >= least && total <= most;
+        summary.require(is_known, || format!("error since time 0: {total:e}"))?;
+        let verdict = &summary.value["verdict"];
+        let is_given = summary.value["accuracy"]["algorithm"] == total && *verdict != "unknown";
+        summary.require(is_given, || format!("{verdict}: {}", summary.value["accuracy"]))
+    });
+}
+
+/// Shares of a second part are of what is in the box at its start and what enters: a steady beam
+/// loses as much as enters, and data of both signs have no mass of their own. That mass leaves
+/// through ends in space gives no warning.
+#[test]
+fn shares_of_a_second_part_are_of_all_there_is() {
+    const STEADY: &str = "[[axis]]\nx = { lower = 0, upper = 2, cells = 20 }\n\
+        v = { lower = -1.4, upper = 1.4, cells = 20 }\n\
+        [[potential]]\nwhere = \"x < 1\"\nvalue = 0\n[[potential]]\nvalue = 0.1\n\
+        [initial]\nf = 0\n[inflow]\nvalue = \"exp(-(v - 0.9)^2/0.02) if x < 1 else 0\"\n\
+        [scheme]\ndegree = 3\n[time]\nend = 3\n[solver]\nmethod = \"classical\"\n";
+    const SIGNED: &str = "[[axis]]\n\
+        x = { lower = 0, upper = 2, cells = 20, boundary = \"periodic\" }\n\
+        v = { lower = -1.4, upper = 1.4, cells = 20 }\n[[potential]]\nvalue = 0\n\
+        [initial]\nf = \"sin(pi*x)*exp(-v^2/0.1)\"\n[scheme]\ndegree = 3\n[time]\nend = 0.2\n\
+        [solver]\nmethod = \"classical\"\n";
+    // ∫|sin(πx)| dx is 4/π, and ∫exp(-v²/0.1) dv is √(0.1 π).
+    let size = 4.0 / std::f64::consts::PI * (0.1 * std::f64::consts::PI).sqrt();
+    let rows = [(STEADY, 6.0, None), (SIGNED, 0.4, Some(size))];
+    check_all(&rows, |&(text, until, size)| {
+        let place = directory();
+        let path = written(place.path(), text)?;
+        let first = place.path().join("first");
+        Job::new(["run", &path]).solve(&first)?;
+        let summary = on(&first, until).summary()?;
+        let mass = |key: &str| {
+            let found = summary.value["ledger"]["mass"][key].as_f64();
+            found.ok_or_else(|| format!("no mass.{key}: {}", summary.command))
+        };
+        let expected =
+            size.map_or_else(|| Ok(mass("initial")? + mass("entered")?), Ok::<_, String>);
+        near("all mass", mass("absolute")? / expected?, 1.0, 0.03)?;
+        let warnings = summary.warnings();
+        summary.require(!warnings.contains("mass:"), || warnings.clone())
+    });
+}
+
 /// A second part has the same bits on any ranks and any mesh, and after a stop. A third part adds
 /// up the errors.
 #[test]

@@ -727,6 +727,10 @@ fn walls_within_cells_and_a_method_without_a_number() {
         let other = method(&found, name);
         assert!(known(&other["seconds"]), "{other}");
     }
+    // Without any circuit there is no table of them.
+    let text = read([4, 4], "text").output;
+    assert!(text.contains("CLASSICAL") && !text.contains("Toffoli  rot."), "{text}");
+    assert!(!text.contains("2K steps") && !text.contains("\n\n\n"), "{text}");
     let text = read([11, 4], "text").output;
     let line = text.lines().find(|line| line.contains("van Leer")).unwrap_or_default();
     assert!(line.contains("unavailable") && !line.contains(" 0 "), "{line}");

@@ -1,7 +1,7 @@
 //! Tolerances are met, and the error estimate is right or marked as unreliable.
 
 use crate::support::{
-    INTERFACES, Job, at_most, check_all, directory, dissipative, distance,
+    INTERFACES, Job, Summary, at_most, check_all, directory, dissipative, distance,
     estimate_is_right_or_silent, field, finite_volumes, meets_its_tolerance, near, parsed, plan,
     refused, run, shrunk, stored_plan, tolerance_is_met, written,
 };
@@ -189,6 +189,26 @@ fn every_propagator_runs_in_every_case() {
             summary.require(silent && kept < 0.999, || format!("norm kept {kept}"))
         }
     });
+}
+
+/// The error of implicit steps counts those of all legs between output times, also where the steps
+/// of the last leg are shorter. The step that the warning names meets the tolerance.
+#[test]
+fn implicit_steps_of_all_legs_are_counted() {
+    let solved = |step: &str| {
+        let step = format!("solver.propagator={{method='crank-nicolson',step={step}}}");
+        let small = ["axis.0.x.cells=16", "axis.0.v.cells=16", "output.moment_times=[0.97]"];
+        let job = run("example1.toml").set(&small).set(&[&step]);
+        job.set(&["solver.tolerance=1e-4", "solver.verify=true"]).summary().unwrap()
+    };
+    let measured = |summary: &Summary| summary.number("error_semidiscrete").unwrap();
+    let long = solved("0.06");
+    let ratio = long.number("error_estimate").unwrap() / measured(&long);
+    assert!((0.7..1.5).contains(&ratio), "{ratio}");
+    let warnings = long.warnings();
+    let named = warnings.split_once(" would meet it").and_then(|(text, _)| text.rsplit(' ').next());
+    let short = solved(named.unwrap_or_else(|| panic!("{warnings}")));
+    short.holds(at_most("error", measured(&short), 1e-4)).unwrap();
 }
 
 /// The distance between the files of two runs on different numbers of ranks, computed here and not

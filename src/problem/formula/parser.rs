@@ -293,15 +293,16 @@ impl<'a> Parser<'a> {
         if let Some((_, function)) = FUNCTIONS_OF_ONE.iter().find(|(name, _)| *name == text) {
             self.expect("(")?;
             let argument = self.expression()?;
-            self.expect(")")?;
+            self.expect(")").map_err(|what| format!("{what}; {text} takes one number"))?;
             return Ok(FormulaNode::function(*function, argument));
         }
         if let Some((_, function)) = FUNCTIONS_OF_TWO.iter().find(|(name, _)| *name == text) {
+            let two = |what: String| format!("{what}; {text} takes two numbers");
             self.expect("(")?;
             let first = self.expression()?;
-            self.expect(",")?;
+            self.expect(",").map_err(two)?;
             let second = self.expression()?;
-            self.expect(")")?;
+            self.expect(")").map_err(two)?;
             return Ok(first.then(*function, second));
         }
         if number_length(text) > 0

@@ -53,6 +53,9 @@ impl CostTable<'_> {
 
 impl fmt::Display for CostTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0.is_empty() {
+            return Ok(());
+        }
         // Gates of a model are no whole numbers.
         let whole = |figure: &LabelledNumber, digits: usize| {
             figure.with(figure.or_zero().round()).marked_to(digits)

@@ -13,6 +13,7 @@ fn sound() -> Ledger {
             formula: Some(2.0),
             formula_error: Some(1e-4),
             absolute: Some(2.0),
+            absolute_initial: Some(2.0),
             initial: Some(2.001),
             lost: Some(1.5),
             left_estimate: Some(1.511),
@@ -38,7 +39,7 @@ fn sound() -> Ledger {
 fn warnings_begin_at_one_percent() {
     assert_eq!(sound().warnings(), Vec::<String>::new());
     type Change = (fn(&mut Ledger), &'static str);
-    let changes: [Change; 13] = [
+    let changes: [Change; 15] = [
         (|l| l.mass.initial = Some(1.9), "5.00 % is missing"),
         (
             |l| {
@@ -56,7 +57,16 @@ fn warnings_begin_at_one_percent() {
             "10.00 % leaves through the upper end of v, 9.95 %",
         ),
         (|l| l.jumps[0].mean_energy = Some(5e11), "4e-11 % of the mean"),
-        (|l| l.mass.left_estimate = None, "75.00 % of it is gone"),
+        (
+            // What enters later does not hide what is missing at the start.
+            |l| (l.mass.initial, l.mass.absolute) = (Some(1.9), Some(200.0)),
+            "5.00 % is missing",
+        ),
+        (|l| (l.mass.left_estimate, l.closed_space) = (None, true), "75.00 % of it is gone"),
+        (
+            |l| (l.mass.left_estimate, l.mass.lost) = (None, Some(-0.1)),
+            "there is 5.00 % more of it at the end",
+        ),
         (|l| l.mass.lost = Some(1.9), "18.95 % of it is gone that should still be"),
         (|l| l.mass.lost = Some(1.57), "2.45 % of it is gone that should still be"),
         (|l| l.mass.lost = Some(1.0), "26.05 % of it is in the box that should have left"),
@@ -72,6 +82,9 @@ fn warnings_begin_at_one_percent() {
         let found = ledger.warnings();
         assert!(found.len() == 1 && found[0].contains(words), "{words}: {found:?}");
     }
+    let mut leaves = sound();
+    leaves.mass.left_estimate = None;
+    assert!(leaves.warnings().is_empty(), "what leaves through ends in space is no fault");
     let mut uncertain = sound();
     (uncertain.mass.initial, uncertain.mass.formula_error) = (Some(1.9), Some(0.1));
     assert!(uncertain.warnings().is_empty());

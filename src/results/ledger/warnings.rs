@@ -154,15 +154,26 @@ impl Ledger {
         self.share(difference).filter(|share| share.abs() > UNBALANCED + uncertain)
     }
 
-    /// Warning of lost mass, if the outflow through the ends is unknown.
+    /// Warning of mass that the balance does not explain, if the outflow through the ends is
+    /// unknown. That mass leaves through ends in space is no fault.
     fn balance_warning(&self) -> Option<String> {
         let lost = self.mass.lost.filter(|_| self.mass.left_estimate.is_none())?;
         let share = self.noticeable(lost)?;
-        Some(format!(
-            "mass: {} of it is gone at the end, through an unknown end of the box; take a wider \
-             box where nothing should leave",
-            percent(share)
-        ))
+        if share < 0.0 {
+            return Some(format!(
+                "mass: there is {} more of it at the end than at the start and entered: \
+                 scheme.interface = \"hat\" adds it, or the error of the algorithm; take more \
+                 velocity cells, \"conservative\", or a smaller solver.tolerance",
+                percent(-share)
+            ));
+        }
+        self.closed_space.then(|| {
+            format!(
+                "mass: {} of it is gone at the end, and space has no ends: the velocity box is too \
+                 small, or scheme.interface = \"hat\" takes it",
+                percent(share)
+            )
+        })
     }
 
     /// Warnings of outflow through the ends of the velocity box.

@@ -123,9 +123,11 @@ fn verdict(
 
 /// The finding on the error of a classical run's time steps.
 fn steps(summary: &Value) -> Finding {
-    let (value, text) = match summary["error_semidiscrete"].as_f64() {
-        Some(error) => (short(error), "relative l2, measured: of the time steps"),
-        None => (
+    let total = summary["continued"]["error_total"].as_f64();
+    let (value, text) = match (total, summary["error_semidiscrete"].as_f64()) {
+        (Some(total), _) => (short(total), "relative l2, with that of the run that it continues"),
+        (None, Some(error)) => (short(error), "relative l2, measured: of the time steps"),
+        (None, None) => (
             "none".to_owned(),
             "the classical scheme has no modes; its time steps are not measured",
         ),

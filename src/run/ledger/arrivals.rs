@@ -299,7 +299,11 @@ fn keeps_values(case: &Case) -> bool {
 /// Relative errors by the squares of errors and of sizes of each replicate: less the scatter, and
 /// the mean if its scatter is small. None where the size is not known.
 pub fn beyond_scatter(errors: &[f64], sizes: &[f64]) -> [Option<f64>; 2] {
-    let ([error, scatter], [size, of_size]) = (mean(errors), mean(sizes));
+    // The scatter of squares of tiny or huge values is no number; a power of two changes no bits.
+    let largest = sizes.iter().fold(0.0, |most: f64, size| most.max(size.abs()));
+    let unit = largest.log2().floor().exp2();
+    let in_units = |squares: &[f64]| mean(&squares.iter().map(|x| x / unit).collect::<Vec<_>>());
+    let ([error, scatter], [size, of_size]) = (in_units(errors), in_units(sizes));
     let is_known = error.is_finite() && size > 0.0 && of_size <= MOST_SCATTER * size;
     if !is_known {
         return [None; 2];
@@ -483,6 +487,26 @@ mod tests {
         let wrong =
             std::array::from_fn::<f64, REPLICATES, _>(|k| if k == 0 { f64::NAN } else { 1.0 });
         assert_eq!(beyond_scatter(&wrong, &errors), [None, None]);
+    }
+
+    /// Data of any allowed size have the same relative errors.
+    #[test]
+    fn relative_errors_do_not_depend_on_the_unit_of_f() {
+        let squares = |size: f64| {
+            let of = |k: usize| size * size * (1.0 + 0.01 * (k as f64).sin());
+            let sizes = std::array::from_fn::<f64, REPLICATES, _>(of);
+            [sizes.map(|size| 0.01 * size), sizes]
+        };
+        let found = |size: f64| {
+            let [errors, sizes] = squares(size);
+            beyond_scatter(&errors, &sizes).map(|error| error.expect("an error"))
+        };
+        let expected = found(1.0);
+        assert!(expected[0] < expected[1], "{expected:?}");
+        for size in [1e90, 1e-90] {
+            let near = |(a, b): (f64, f64)| (a - b).abs() < 1e-12;
+            assert!(found(size).into_iter().zip(expected).all(near), "{size}: {:?}", found(size));
+        }
     }
 
     fn value(space: &PhaseSpace, k: usize, x: f64, f: impl Fn(f64) -> f64) -> f64 {

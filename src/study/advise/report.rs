@@ -1,6 +1,8 @@
 //! Advice as text.
 
-use crate::base::text::{ALGORITHM_ERROR, GRID_ERROR, bytes_text, counted, quoted, seconds_text};
+use crate::base::text::{
+    ALGORITHM_ERROR, GRID_ERROR, bytes_text, count_text, counted, quoted, seconds_text,
+};
 use crate::problem::case::{Case, Method};
 use crate::problem::grid::SPACE_NAMES;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
@@ -13,17 +15,17 @@ use std::fmt;
 /// Largest number of unknowns of a grid whose shape is printed.
 pub const MOST_SHOWN: f64 = 1e15;
 
-/// A grid as text: `128 x 128 = 1.638e4 cells`; of a degree above 0 `26 x 26 elements = 1.690e4
+/// A grid as text: `128 x 128 = 16384 cells`; of a degree above 0 `26 x 26 elements = 16900
 /// unknowns`.
 pub fn grid_text(shape: &[usize], degree: usize) -> String {
     let all = cells(shape) * ((degree + 1) as f64).powi(shape.len() as i32);
     if all > MOST_SHOWN {
         return "more than 1e15 unknowns".to_owned();
     }
-    let shape = shape_text(shape);
+    let (shape, all) = (shape_text(shape), count_text(all));
     match degree {
-        0 => format!("{shape} = {all:.3e} cells"),
-        _ => format!("{shape} elements = {all:.3e} unknowns"),
+        0 => format!("{shape} = {all} cells"),
+        _ => format!("{shape} elements = {all} unknowns"),
     }
 }
 
@@ -132,7 +134,7 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &SetupReport) -> fmt::Result {
         writeln!(f, "  an estimate, not advice: {why}")?;
     }
     let computed = if entry.computed_cells < entry.cells {
-        format!(", {:.3e} of them computed", entry.computed_cells)
+        format!(", {} of them computed", count_text(entry.computed_cells))
     } else {
         String::new()
     };

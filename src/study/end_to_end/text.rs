@@ -249,7 +249,9 @@ impl fmt::Display for EndToEnd {
         let rows: Vec<(&str, &Cost)> = (self.quantum.iter())
             .filter_map(|way| Some((way.short_name(), way.cost.as_ref()?)))
             .collect();
-        writeln!(f, "{}", CostTable(rows))?;
+        if !rows.is_empty() {
+            writeln!(f, "{}", CostTable(rows))?;
+        }
         writeln!(f, "CLASSICAL")?;
         for ClassicalMethod { name, degree, size, seconds } in &self.classical {
             let size = size.map_or("-".to_owned(), |size| format!("{size:.2e}"));

@@ -302,6 +302,10 @@ fn starts_with_inconsistent_settings_are_refused() {
         .set(&["initial={warped='start.h5'}", "output.warped_field=true"])
         .solve(home.path())
         .unwrap();
+    // Such a run cannot be continued: the message names what to do instead.
+    let begun = home.path().display().to_string();
+    let job = Job::new(["run", "--continue", &begun, "--until", "9"]).into(directory().path());
+    job.is_refused(&["its run began from initial.warped", "--set time.end=9"]).unwrap();
     // `check` and `plan` read the file as well.
     for command in ["plan", "check"] {
         let job = of_case(command, "example1.toml").set(&grid);
