@@ -443,8 +443,8 @@ impl Case {
         self.warped_start.is_none() && self.start_field.is_none()
     }
 
-    /// Whether the exact solution follows from the formulas of this case: not if the run starts from
-    /// the result of another problem.
+    /// Whether the exact solution follows from the formulas of this case: not if the run starts
+    /// from the result of another problem.
     pub fn follows_from_formulas(&self) -> bool {
         let of_same_problem =
             |start: &StartField| start.origin.is_some_and(|origin| origin.is_same_problem);
@@ -456,8 +456,8 @@ impl Case {
         Self { start_field: None, start_time: 0.0, ..self.clone() }
     }
 
-    /// Whether `other` has the same characteristics, and the same data at their feet: box, `V`, data,
-    /// inflow and constants. Tables in files are not compared: with them it is false.
+    /// Whether `other` has the same characteristics, and the same data at their feet: box, `V`,
+    /// data, inflow and constants. Tables in files are not compared: with them it is false.
     pub fn is_same_problem(&self, other: &Self) -> bool {
         let text = |formula: Option<&Expression>| formula.map(|f| f.text().to_owned());
         let of_region = |region: &Region| {

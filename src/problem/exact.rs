@@ -306,9 +306,9 @@ impl<'a> Tracer<'a> {
     /// The path of the particle at `point = [x, y, z, vx, vy, vz]` over a time `time ≥ 0`: back in
     /// time, or [`forward`](Self::forward). It ends where the particle was, or will be.
     ///
-    /// The work is bounded: a particle that has met more faces than physics allows, or takes too many
-    /// steps, stays where it is. In the cells around a corner, the slopes of a `V` that is not a sum
-    /// over axes may drive a particle at rest in a circle.
+    /// The work is bounded: a particle that has met more faces than physics allows, or takes too
+    /// many steps, stays where it is. In the cells around a corner, the slopes of a `V` that is not
+    /// a sum over axes may drive a particle at rest in a circle.
     pub fn follow(&self, point: &[f64; 6], time: f64) -> TracedPath {
         self.follow_with(point, time, &mut |_| false)
     }

@@ -37,8 +37,8 @@ pub struct EstimatedErrors {
 }
 
 impl EstimatedErrors {
-    /// These errors, but at least `share` where they are known: the part of all mass that the law at
-    /// jumps of `V` adds or takes. It is about the error where `f` hardly varies along paths, so
+    /// These errors, but at least `share` where they are known: the part of all mass that the law
+    /// at jumps of `V` adds or takes. It is about the error where `f` hardly varies along paths, so
     /// that these estimates see nothing, and may be too large after that mass has left.
     pub fn at_least(self, share: f64) -> Self {
         let GridErrorPair { field, density } = self.grid;

@@ -811,7 +811,7 @@ fn estimates_see_the_law_at_a_jump() {
     let conservative = ["scheme.interface=conservative"];
     check_all(&[&[][..], &coarse, &fine, &conservative], |settings| {
         let results = directory();
-        let job = Job::new(["run", &file, "--force"]).set(&[CLASSICAL]).set(*settings);
+        let job = Job::new(["run", &file, "--force"]).set(&[CLASSICAL]).set(settings);
         let measured = job.clone().solve(&results.path().join("measured"))?;
         let estimated = job.set(&["exact={}"]).solve(&results.path().join("estimated"))?;
         for (key, of) in [("grid", "f"), ("grid_density", "density")] {

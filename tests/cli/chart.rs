@@ -14,7 +14,8 @@ const LATE: f64 = 10.0;
 /// Budget in seconds of a chart of which only the form is checked.
 const BUDGET: f64 = 1.5;
 
-/// Budgets in seconds of charts whose trials are checked: enough on most machines, and on busy ones.
+/// Budgets in seconds of charts whose trials are checked: enough on most machines, then on busy
+/// ones.
 const BUDGETS: [f64; 3] = [12.0, 36.0, 108.0];
 
 /// Makes a chart of the case `name` within `budget` seconds and returns `chart.json`.

@@ -31,8 +31,8 @@ pub struct ResultOrigin {
     pub grid_errors: GridErrorPair,
     /// Whether its `f` was limited to positive values.
     pub positive: bool,
-    /// Whether its run, and those before it, had the data, `V` and inflow of the continued run since
-    /// time 0.
+    /// Whether its run, and those before it, had the data, `V` and inflow of the continued run
+    /// since time 0.
     #[serde(default)]
     pub is_same_problem: bool,
 }
