@@ -75,8 +75,8 @@ enum StepEvent {
 
 /// A step of an orbit.
 enum Stretch {
-    /// It was taken, with so many columns.
-    Whole { end: Orbit, columns: usize },
+    /// It was taken.
+    Whole(OrbitStep),
     /// Only a part of it can be tried next.
     Shorter { part: f64 },
     /// It reaches a bound before its end.
@@ -116,10 +116,10 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
             let is_last = *step >= left - passed;
             let length = if is_last { left - passed } else { *step };
             match self.stretch(&orbit, length) {
-                Stretch::Whole { end, .. } if is_last => {
+                Stretch::Whole(OrbitStep { end, .. }) if is_last => {
                     return OrbitEnd { state: end.state, time: left, bound: None };
                 }
-                Stretch::Whole { end, columns } => {
+                Stretch::Whole(OrbitStep { end, columns }) => {
                     (orbit, passed) = (end, passed + length);
                     *step = length * GROWTH[columns - 1];
                 }
@@ -137,11 +137,11 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
 
     /// What `orbit` does in a step of this `length`.
     fn stretch(&self, orbit: &Orbit, length: f64) -> Stretch {
-        let Some(OrbitStep { end, columns }) = self.step(orbit, length) else {
+        let Some(step) = self.step(orbit, length) else {
             return Stretch::Shorter { part: SHRINK };
         };
-        match self.event(orbit, &end, length) {
-            StepEvent::Nothing => Stretch::Whole { end, columns },
+        match self.event(orbit, &step.end, length) {
+            StepEvent::Nothing => Stretch::Whole(step),
             StepEvent::Unclear => Stretch::Shorter { part: 0.5 },
             StepEvent::Bound { bound, time } => match self.arrival(orbit, bound, time, length) {
                 Some(end) => Stretch::ToBound(end),
