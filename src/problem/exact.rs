@@ -238,11 +238,11 @@ impl<'a> Tracer<'a> {
         self.flow.potential.slope_at(&cells, axis, &std::array::from_fn(|a| point[a]))
     }
 
-    /// The faces across an axis at which `V` jumps anywhere: the numbers of the cells above them.
+    /// The faces across an axis at which `V` may jump anywhere: the numbers of the cells above them.
     pub fn faces_with_jumps(&self, axis: usize) -> Vec<usize> {
         let mut found = vec![false; self.flow.space.x[axis].cells];
         for_each_cell(&self.flow.space.space_ranges(), |cell| {
-            found[cell[axis]] |= self.flow.potential.linear.jump_below(cell, axis) != 0.0;
+            found[cell[axis]] |= self.flow.potential.may_jump_below(cell, axis);
         });
         (0..found.len()).filter(|face| found[*face]).collect()
     }

@@ -41,6 +41,8 @@ struct CellFormulas {
     regions: Vec<Expression>,
     /// The region of each cell.
     of_cell: Vec<u32>,
+    /// By how much `V` changes across a cell, by axis: a jump that is far smaller is round-off.
+    changes: [f64; MAX_DIMENSION],
 }
 
 impl TracedPotential {
@@ -69,6 +71,9 @@ impl TracedPotential {
         let formulas = CellFormulas {
             regions: case.potential.iter().map(|region| region.value.clone()).collect(),
             of_cell: box_cells(&self.space.space_ranges()).map(of_cell).collect(),
+            changes: std::array::from_fn(|a| {
+                axes.get(a).map_or(0.0, |axis| self.steepest(a) * axis.width())
+            }),
         };
         Self { formulas: Some(formulas), ..self }
     }
@@ -86,17 +91,40 @@ impl TracedPotential {
         formula.constant().is_none().then_some(formula)
     }
 
-    /// `V` on the side `before` of a face minus `V` on the side `behind` it, by their formulas;
-    /// `None` without formulas.
-    pub fn rise_by_formulas(&self, [before, behind]: [FaceSide<'_>; 2]) -> Option<f64> {
-        let formulas = self.formulas.as_ref()?;
-        let value = |side: &FaceSide<'_>| {
-            formulas.regions[formulas.of_cell[self.number(side.cell)] as usize]
-                .eval(&phase_point(side.x))
+    /// Whether `V` may jump somewhere on the lower face of a cell along `axis`: by formulas, if the
+    /// regions on both sides differ. The other way, at the centre of the face.
+    pub fn may_jump_below(&self, cell: &[usize; MAX_DIMENSION], axis: usize) -> bool {
+        let mut below = *cell;
+        let beside = self.space.wrap(axis, cell[axis] as i64 - 1);
+        let differ = |formulas: &CellFormulas| {
+            beside.is_some_and(|j| {
+                below[axis] = j;
+                let [own, other] = [cell, &below].map(|cell| formulas.of_cell[self.number(cell)]);
+                own != other
+            })
         };
-        let [before, behind] = [&before, &behind].map(value);
+        self.linear.jump_below(cell, axis) != 0.0 || self.formulas.as_ref().is_some_and(differ)
+    }
+
+    /// `V` on the side `before` of a face across `axis` minus `V` on the side `behind` it, by their
+    /// formulas; `None` without formulas.
+    pub fn rise_by_formulas(
+        &self,
+        axis: usize,
+        [before, behind]: [FaceSide<'_>; 2],
+    ) -> Option<f64> {
+        let formulas = self.formulas.as_ref()?;
+        let regions = [&before, &behind].map(|side| formulas.of_cell[self.number(side.cell)]);
+        if regions[0] == regions[1] && before.x == behind.x {
+            return Some(0.0);
+        }
+        let value = |region: u32, side: FaceSide<'_>| {
+            formulas.regions[region as usize].eval(&phase_point(side.x))
+        };
+        let (before, behind) = (value(regions[0], before), value(regions[1], behind));
+        let scale = before.abs().max(behind.abs()).max(formulas.changes[axis]);
         let rise = before - behind;
-        Some(if rise.abs() <= KINK * before.abs().max(behind.abs()) { 0.0 } else { rise })
+        Some(if rise.abs() <= KINK * scale { 0.0 } else { rise })
     }
 
     /// `∂V/∂x_a` along `axis` at the place `x` of a cell.
@@ -107,7 +135,7 @@ impl TracedPotential {
         x: &[f64; MAX_DIMENSION],
     ) -> f64 {
         match self.formula(cell) {
-            Some(formula) => slopes(formula, x)[axis],
+            Some(formula) => slopes(formula, x).map_or(0.0, |slopes| slopes[axis]),
             None => self.force(cell, axis).slope_at(x[axis]),
         }
     }
@@ -154,10 +182,13 @@ impl TracedPotential {
     }
 }
 
-/// The slopes of a smooth formula at a place; zero where they are not defined.
-pub(super) fn slopes(formula: &Expression, x: &[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION] {
+/// The slopes of a smooth formula at a place; `None` where they are not finite.
+pub(super) fn slopes(
+    formula: &Expression,
+    x: &[f64; MAX_DIMENSION],
+) -> Option<[f64; MAX_DIMENSION]> {
     let [_, slopes @ ..] = formula.value_and_slopes(&phase_point(x));
-    slopes.map(|slope| if slope.is_finite() { slope } else { 0.0 })
+    slopes.iter().all(|slope| slope.is_finite()).then_some(slopes)
 }
 
 /// The point of phase space at a place, as formulas of `V` take it.

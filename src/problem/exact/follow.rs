@@ -408,7 +408,11 @@ impl Flow {
         let evaluations = Cell::new(0);
         let acceleration = |x: &[f64; MAX_DIMENSION]| {
             evaluations.set(evaluations.get() + 1);
-            let slopes = slopes(formula, x);
+            // Outside of the block the formula may be undefined.
+            let within = || std::array::from_fn(|a| x[a].max(block.lower[a]).min(block.upper[a]));
+            let slopes = slopes(formula, x)
+                .or_else(|| slopes(formula, &within()))
+                .unwrap_or([0.0; MAX_DIMENSION]);
             std::array::from_fn(|a| if a < n && !rests[a] { -slopes[a] } else { 0.0 })
         };
         let orbits = Orbits { acceleration, bounds, scales: self.scales, sights: self.sights };
@@ -539,11 +543,19 @@ impl Flow {
     /// `V` before a face that the particle has reached minus `V` behind it, in cell `there` along
     /// `a`, at the place of the particle. It differs from that at the centre of the face where `V`
     /// has other slopes along the face behind it than before it. Zero where no face of a jump is
-    /// near: there the cells of a curved `V` do not fit together, and no particle is to meet that.
+    /// near, but for formulas: there the cells of a curved `V` do not fit together, and no particle
+    /// is to meet that.
     pub fn rise(&self, particle: &TracedParticle, a: usize, upper: bool, there: usize) -> f64 {
         let cell = &particle.cell;
         let mut behind = *cell;
         behind[a] = there;
+        let [mut from, mut to] = [particle.x; 2];
+        from[a] = self.faces[a][cell[a] + usize::from(upper)];
+        to[a] = self.faces[a][there + usize::from(!upper)];
+        let sides = [FaceSide { cell, x: &from }, FaceSide { cell: &behind, x: &to }];
+        if let Some(rise) = self.potential.rise_by_formulas(a, sides) {
+            return rise;
+        }
         let [slopes, slopes_behind] =
             [cell, &behind].map(|cell| self.potential.linear.slopes(cell));
         let [bends, bends_behind] = [cell, &behind].map(|cell| self.potential.curvatures(cell));
@@ -562,14 +574,7 @@ impl Flow {
                 self.rise_at_centre(&beside, a, upper) != 0.0
             });
         }
-        if !is_jump {
-            return 0.0;
-        }
-        let [mut from, mut to] = [particle.x; 2];
-        from[a] = self.faces[a][cell[a] + usize::from(upper)];
-        to[a] = self.faces[a][there + usize::from(!upper)];
-        let sides = [FaceSide { cell, x: &from }, FaceSide { cell: &behind, x: &to }];
-        self.potential.rise_by_formulas(sides).unwrap_or(rise)
+        if is_jump { rise } else { 0.0 }
     }
 
     /// The cell, within `block`, of a particle that has arrived at the block's upper or lower face

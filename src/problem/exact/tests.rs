@@ -78,6 +78,8 @@ fn elements_are_cut_where_the_cells_approximate_the_potential() {
             // Particles follow the formula.
             (2, "x*y", [true, false]),
             (2, "abs(x*y)", [true, true]),
+            // Its slope is infinite at an end of the box.
+            (2, "sqrt(x + 1)*(2 + y)", [true, true]),
             // Odd slopes about the centre of an element.
             (1, "2*(x - 0.125)^4", [true, true]),
             (1, "sin(4*pi*x)", [true, true]),
@@ -599,6 +601,8 @@ fn smooth_hills() -> Vec<Case> {
         two(&[("x > 0 && y > -0.5", higher.as_str()), ("x < -0.75", &sloped), ("", "0.1")]),
         two(&[("abs(x) < 0.5 && abs(y) < 1", "-0.3*cos(x)*cos(y)"), ("", "0")]),
         around,
+        // The jump vanishes at the centres of both cells of y.
+        case(2, (-1.5, 1.5, 2), v, &[("x < 0", "0"), ("", "(y^2 - 0.5625)*exp(x)/4")], "1", "0"),
         case(3, x, v, &[(cube, "0.3 + x*y*z/4"), ("", hollow)], "1", "x"),
     ]
 }

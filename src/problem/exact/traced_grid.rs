@@ -5,9 +5,9 @@ use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::element::Nodes;
 use crate::problem::exact::by_axes::moves_by_axes;
-use crate::problem::exact::cells::TracedPotential;
+use crate::problem::exact::cells::{TracedPotential, slopes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
-use crate::problem::potential::{ElementShape, Potential, region_edges};
+use crate::problem::potential::{ElementShape, Potential, region, region_edges, space_point};
 
 /// An edge of a region this close to a face, as a fraction of an element, counts as lying on it.
 const EDGE_ON_FACE: f64 = 1e-9;
@@ -131,7 +131,7 @@ impl TracedGrid {
         let is_fine = space.x.iter().all(|axis| axis.cells == 1 || axis.cells >= FINE_CELLS);
         let is_accurate = !is_approximate || is_fine;
         let by_cells = Self { space, is_bent, by_formulas: false, is_approximate, is_accurate };
-        if !is_approximate || most.is_linear || !has_smooth_formulas(case) {
+        if !is_approximate || most.is_linear || !has_smooth_formulas(sample) {
             return by_cells;
         }
         let by_axes = || {
@@ -147,9 +147,24 @@ impl TracedGrid {
     }
 }
 
-/// Whether `V` is a smooth formula in each region.
+/// Whether `V` is a smooth formula in each region, with finite slopes at the corners of the elements
+/// of `case` in that region.
 fn has_smooth_formulas(case: &Case) -> bool {
+    let axes = &case.space.by_elements().x;
+    let is_finite = |cell: [usize; MAX_DIMENSION]| {
+        // An undefined condition was an error before.
+        let own = region(&case.potential, &space_point(axes, &cell)).unwrap_or(0);
+        let at_corner = |corner: [usize; MAX_DIMENSION]| {
+            let mut x = [0.0; MAX_DIMENSION];
+            for (a, axis) in axes.iter().enumerate() {
+                x[a] = axis.face((cell[a] + corner[a]) as i64);
+            }
+            slopes(&case.potential[own].value, &x).is_some()
+        };
+        box_cells(&vec![0..2; axes.len()]).all(at_corner)
+    };
     case.potential.iter().all(|region| region.value.is_smooth())
+        && box_cells(&case.space.by_elements().space_ranges()).all(is_finite)
 }
 
 /// The grid on which particles are traced. Its cells are the case's elements, cut into parts for
