@@ -35,7 +35,7 @@ mod tridiagonal;
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::{Propagation, PropagatorMethod};
+use crate::problem::case::{Case, Integrator, Method, Propagation, PropagatorMethod};
 use crate::propagate::commutator_free::CommutatorFree;
 use crate::propagate::implicit::ImplicitMethod;
 use crate::propagate::method::{Descriptor, ModeDemand, Propagator, PropagatorSetting};
@@ -73,6 +73,13 @@ pub fn propagator<'a>(
 /// this bound at 1000 and at 4000 steps of example 1).
 pub fn round_off(steps: usize) -> f64 {
     f64::EPSILON * (1.0 + 8.0 * (steps as f64).sqrt())
+}
+
+/// Bound on the relative error of the classical exponential after so many `applications`, which is
+/// round-off; `None` for other algorithms.
+pub fn exponential_error(case: &Case, applications: usize) -> Option<f64> {
+    let is_exact = case.method == Method::Classical && case.integrator == Integrator::Exponential;
+    is_exact.then(|| round_off(applications))
 }
 
 /// Steps of an implicit method over `time`; 0 for the others.

@@ -238,7 +238,8 @@ impl<'a> Tracer<'a> {
         self.flow.potential.slope_at(&cells, axis, &std::array::from_fn(|a| point[a]))
     }
 
-    /// The faces across an axis at which `V` may jump anywhere: the numbers of the cells above them.
+    /// The faces across an axis at which `V` may jump anywhere: the numbers of the cells above
+    /// them.
     pub fn faces_with_jumps(&self, axis: usize) -> Vec<usize> {
         let mut found = vec![false; self.flow.space.x[axis].cells];
         for_each_cell(&self.flow.space.space_ranges(), |cell| {

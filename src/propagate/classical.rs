@@ -9,10 +9,9 @@ use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::matrix::bounds::Bounds;
 use crate::parallel::communicator::GhostExchange;
-use crate::problem::case::{Case, Integrator, LiouvilleField, Method};
+use crate::problem::case::{Case, Integrator, LiouvilleField};
 use crate::propagate::inflow_panels::{InflowPanels, NODES};
 use crate::propagate::limiter::{Reconstruction, longest_step};
-use crate::propagate::round_off;
 use std::ops::Range;
 
 /// Poisson probabilities below this are left out for the reference.
@@ -460,13 +459,6 @@ pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
         }
     };
     case.legs().iter().map(steps).collect()
-}
-
-/// Bound on the relative error of the classical exponential after so many `applications`, which is
-/// round-off; `None` for other algorithms.
-pub fn exponential_error(case: &Case, applications: usize) -> Option<f64> {
-    let is_exact = case.method == Method::Classical && case.integrator == Integrator::Exponential;
-    is_exact.then(|| round_off(applications))
 }
 
 #[cfg(test)]

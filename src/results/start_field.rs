@@ -6,7 +6,7 @@ use crate::parallel::communicator::Group;
 use crate::parallel::files::stored_checksum;
 use crate::problem::case::{Case, GridErrorPair, ResultOrigin, StartField};
 use crate::problem::grid::{Axis, PhaseSpace, axis_names};
-use crate::propagate::classical::exponential_error;
+use crate::propagate::exponential_error;
 use crate::results::FileResult;
 use crate::results::provenance::SAME_PROBLEM;
 use crate::results::readback::{

@@ -26,8 +26,8 @@ pub(super) struct TracedPotential {
     formulas: Option<CellFormulas>,
 }
 
-/// A side of a face: a cell, and a place on the face.
-pub(super) struct FaceSide<'a> {
+/// A place on a face, on the side of a cell.
+pub(super) struct FacePlace<'a> {
     /// The cell.
     pub cell: &'a [usize; MAX_DIMENSION],
     /// The place. At the ends of a periodic axis, that of the side.
@@ -111,14 +111,14 @@ impl TracedPotential {
     pub fn rise_by_formulas(
         &self,
         axis: usize,
-        [before, behind]: [FaceSide<'_>; 2],
+        [before, behind]: [FacePlace<'_>; 2],
     ) -> Option<f64> {
         let formulas = self.formulas.as_ref()?;
         let regions = [&before, &behind].map(|side| formulas.of_cell[self.number(side.cell)]);
         if regions[0] == regions[1] && before.x == behind.x {
             return Some(0.0);
         }
-        let value = |region: u32, side: FaceSide<'_>| {
+        let value = |region: u32, side: FacePlace<'_>| {
             formulas.regions[region as usize].eval(&phase_point(side.x))
         };
         let (before, behind) = (value(regions[0], before), value(regions[1], behind));

@@ -25,7 +25,7 @@
 
 use crate::base::row_major::number;
 use crate::problem::exact::by_axes::REST;
-use crate::problem::exact::cells::{FaceSide, TracedPotential, slopes};
+use crate::problem::exact::cells::{FacePlace, TracedPotential, slopes};
 use crate::problem::exact::motion::{Arrival, AxisMotion, CellForce, directed_ends};
 use crate::problem::exact::orbit::{OrbitBound, OrbitState, Orbits};
 use crate::problem::exact::traced_grid::free_layers;
@@ -552,7 +552,7 @@ impl Flow {
         let [mut from, mut to] = [particle.x; 2];
         from[a] = self.faces[a][cell[a] + usize::from(upper)];
         to[a] = self.faces[a][there + usize::from(!upper)];
-        let sides = [FaceSide { cell, x: &from }, FaceSide { cell: &behind, x: &to }];
+        let sides = [FacePlace { cell, x: &from }, FacePlace { cell: &behind, x: &to }];
         if let Some(rise) = self.potential.rise_by_formulas(a, sides) {
             return rise;
         }

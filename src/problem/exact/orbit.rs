@@ -73,8 +73,8 @@ enum StepEvent {
     Bound { bound: OrbitBound, time: f64 },
 }
 
-/// A step of an orbit.
-enum Stretch {
+/// What becomes of a step of an orbit.
+enum OrbitAttempt {
     /// It was taken.
     Whole(OrbitStep),
     /// Only a part of it can be tried next.
@@ -115,37 +115,37 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
         for _ in 0..MOST_STEPS {
             let is_last = *step >= left - passed;
             let length = if is_last { left - passed } else { *step };
-            match self.stretch(&orbit, length) {
-                Stretch::Whole(OrbitStep { end, .. }) if is_last => {
+            match self.attempt(&orbit, length) {
+                OrbitAttempt::Whole(OrbitStep { end, .. }) if is_last => {
                     return OrbitEnd { state: end.state, time: left, bound: None };
                 }
-                Stretch::Whole(OrbitStep { end, columns }) => {
+                OrbitAttempt::Whole(OrbitStep { end, columns }) => {
                     (orbit, passed) = (end, passed + length);
                     *step = length * GROWTH[columns - 1];
                 }
-                Stretch::Shorter { part } => {
+                OrbitAttempt::Shorter { part } => {
                     *step = part * length;
                     if *step < SHORTEST * left {
                         break;
                     }
                 }
-                Stretch::ToBound(end) => return OrbitEnd { time: passed + end.time, ..end },
+                OrbitAttempt::ToBound(end) => return OrbitEnd { time: passed + end.time, ..end },
             }
         }
         OrbitEnd { state: orbit.state, time: left, bound: None }
     }
 
     /// What `orbit` does in a step of this `length`.
-    fn stretch(&self, orbit: &Orbit, length: f64) -> Stretch {
+    fn attempt(&self, orbit: &Orbit, length: f64) -> OrbitAttempt {
         let Some(step) = self.step(orbit, length) else {
-            return Stretch::Shorter { part: SHRINK };
+            return OrbitAttempt::Shorter { part: SHRINK };
         };
         match self.event(orbit, &step.end, length) {
-            StepEvent::Nothing => Stretch::Whole(step),
-            StepEvent::Unclear => Stretch::Shorter { part: 0.5 },
+            StepEvent::Nothing => OrbitAttempt::Whole(step),
+            StepEvent::Unclear => OrbitAttempt::Shorter { part: 0.5 },
             StepEvent::Bound { bound, time } => match self.arrival(orbit, bound, time, length) {
-                Some(end) => Stretch::ToBound(end),
-                None => Stretch::Shorter { part: 0.5 },
+                Some(end) => OrbitAttempt::ToBound(end),
+                None => OrbitAttempt::Shorter { part: 0.5 },
             },
         }
     }

@@ -147,8 +147,8 @@ impl TracedGrid {
     }
 }
 
-/// Whether `V` is a smooth formula in each region, with finite slopes at the corners of the elements
-/// of `case` in that region.
+/// Whether `V` is a smooth formula in each region, with finite slopes at the corners of the
+/// elements of `case` in that region.
 fn has_smooth_formulas(case: &Case) -> bool {
     let axes = &case.space.by_elements().x;
     let is_finite = |cell: [usize; MAX_DIMENSION]| {
