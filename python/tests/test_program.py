@@ -165,7 +165,7 @@ def test_a_missed_tolerance_is_a_warning(small: pw.Case, tmp_path: Path) -> None
 def test_an_unknown_error_is_a_warning(tmp_path: Path) -> None:
     cells = {f"axis.{axis}.{of}.cells": 6 for axis in (0, 1) for of in "xv"}
     case = pw.Case(CASES / "example3.toml").replace({**cells, "exact": {}})
-    with pytest.warns(pw.PhasewarpWarning, match=r"^accuracy: error of the grid not estimated"):
+    with pytest.warns(pw.PhasewarpWarning, match=r"^accuracy: .*error of the grid not estimated"):
         pw.run(case, tmp_path)
 
 

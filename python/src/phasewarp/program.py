@@ -32,7 +32,7 @@ IN_PYTHON = {
 #: Lines of the program that become warnings: its own, and those that put a result in doubt.
 NOTEWORTHY = re.compile(
     r"warning: |UNDER-RESOLVED: |STAIRCASE: |(tolerance|accuracy) \S+ .*(MISSED|NOT SHOWN)"
-    r"|accuracy: error of the grid not estimated|error (inherited|since t = 0).* not known"
+    r"|accuracy: (.*; )?error of the grid not estimated|error (inherited|since t = 0).* not known"
 )
 
 #: Columns of the lines that the program prints for people.
