@@ -112,9 +112,11 @@ impl<'a> Tracer<'a> {
             potential = potential.by_formulas(case);
         }
         let paths = (!by_formulas && moves_by_axes(&potential)).then(AxisPaths::default);
-        let by_lines = potential.space.dimension() == 1 && !by_formulas;
-        let lines =
-            if paths.is_some() || by_lines { AxisLine::all(&potential) } else { Vec::new() };
+        let lines = if paths.is_some() || potential.space.dimension() == 1 {
+            AxisLine::all(&potential)
+        } else {
+            Vec::new()
+        };
         Ok(Self { case, flow: Flow::new(potential), paths, lines, is_accurate, is_approximate })
     }
 

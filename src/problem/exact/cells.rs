@@ -91,8 +91,8 @@ impl TracedPotential {
         formula.constant().is_none().then_some(formula)
     }
 
-    /// Whether `V` may jump somewhere on the lower face of a cell along `axis`: by formulas, if the
-    /// regions on both sides differ. The other way, at the centre of the face.
+    /// Whether `V` may jump somewhere on the lower face of a cell along `axis`: it jumps at the
+    /// centre of the face, or the formulas on both sides are of different regions.
     pub fn may_jump_below(&self, cell: &[usize; MAX_DIMENSION], axis: usize) -> bool {
         let mut below = *cell;
         let beside = self.space.wrap(axis, cell[axis] as i64 - 1);

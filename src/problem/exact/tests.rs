@@ -320,22 +320,29 @@ fn linear_potential_gives_the_parabola() {
     assert!(turned > 100, "{turned}");
 }
 
+/// The state `s` after a step `h` of the classical method of Runge and Kutta.
+fn runge_kutta<const N: usize>(
+    rate: impl Fn([f64; N]) -> [f64; N],
+    s: [f64; N],
+    h: f64,
+) -> [f64; N] {
+    let plus = |s: [f64; N], k: [f64; N], h: f64| std::array::from_fn(|c| s[c] + h * k[c]);
+    let k1 = rate(s);
+    let k2 = rate(plus(s, k1, 0.5 * h));
+    let k3 = rate(plus(s, k2, 0.5 * h));
+    let k4 = rate(plus(s, k3, h));
+    let weighted = [(k1, 1.0), (k2, 2.0), (k3, 2.0), (k4, 1.0)];
+    weighted.into_iter().fold(s, |s, (k, weight)| plus(s, k, h * weight / 6.0))
+}
+
 /// The point from which the particle at `(x, v)` at `time` came, in the potential `V` with the
 /// derivative `slope`: Runge–Kutta of order 4 in steps so small that round-off decides.
 fn origin([x, v]: [f64; 2], time: f64, slope: impl Fn(f64) -> f64) -> [f64; 6] {
     const STEPS: usize = 4000;
-    let h = time / STEPS as f64;
     let rate = |[x, w]: [f64; 2]| [w, -slope(x)];
-    let plus = |s: [f64; 2], k: [f64; 2], h: f64| [s[0] + h * k[0], s[1] + h * k[1]];
     let mut s = [x, -v];
     for _ in 0..STEPS {
-        let k1 = rate(s);
-        let k2 = rate(plus(s, k1, 0.5 * h));
-        let k3 = rate(plus(s, k2, 0.5 * h));
-        let k4 = rate(plus(s, k3, h));
-        for (k, weight) in [(k1, 1.0), (k2, 2.0), (k3, 2.0), (k4, 1.0)] {
-            s = plus(s, k, h * weight / 6.0);
-        }
+        s = runge_kutta(rate, s, time / STEPS as f64);
     }
     [s[0], 0.0, 0.0, -s[1], 0.0, 0.0]
 }
@@ -638,22 +645,14 @@ fn end_in_plane(
     force: impl Fn([f64; 2]) -> [f64; 2],
 ) -> Option<[f64; 6]> {
     const STEPS: usize = 8000;
-    let h = time / STEPS as f64;
     let rate = |s: [f64; 4]| {
         let [fx, fy] = force([s[0], s[1]]);
         [s[2], s[3], fx, fy]
     };
-    let plus = |s: [f64; 4], k: [f64; 4], h: f64| std::array::from_fn(|c| s[c] + h * k[c]);
     let axes = || case.space.x.iter().zip(&case.space.v);
     let mut s = [point[0], point[1], -point[3], -point[4]];
     for step in 0..STEPS {
-        let k1 = rate(s);
-        let k2 = rate(plus(s, k1, 0.5 * h));
-        let k3 = rate(plus(s, k2, 0.5 * h));
-        let k4 = rate(plus(s, k3, h));
-        for (k, weight) in [(k1, 1.0), (k2, 2.0), (k3, 2.0), (k4, 1.0)] {
-            s = plus(s, k, h * weight / 6.0);
-        }
+        s = runge_kutta(rate, s, time / STEPS as f64);
         let inside = axes().enumerate().all(|(a, (x, v))| {
             (x.lower..=x.upper).contains(&s[a]) && (v.lower..=v.upper).contains(&-s[2 + a])
         });

@@ -268,7 +268,7 @@ impl<'a> Parser<'a> {
             return Ok(FormulaNode::function(NEGATIVE, self.nested(Self::operand)?));
         }
         if self.accept("!") {
-            let not = Unary::broken(|a| compare(a, a, |a, _| a == 0.0));
+            let not = Unary::not_smooth(|a| compare(a, a, |a, _| a == 0.0));
             return Ok(FormulaNode::function(not, self.nested(Self::operand)?));
         }
         let base = self.primary()?;

@@ -29,7 +29,7 @@ impl Unary {
     }
 
     /// A function that jumps or has a kink.
-    pub(super) const fn broken(of: fn(f64) -> f64) -> Self {
+    pub(super) const fn not_smooth(of: fn(f64) -> f64) -> Self {
         Self { of, slope: None }
     }
 }
@@ -99,9 +99,9 @@ pub(super) const IF: usize = 1;
 pub(super) const COMPARISONS: usize = 4;
 
 pub(super) const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
-    ("abs", Unary::broken(f64::abs)),
+    ("abs", Unary::not_smooth(f64::abs)),
     ("sqrt", Unary::smooth(f64::sqrt, |a| 0.5 / a.sqrt())),
-    ("cbrt", Unary::broken(f64::cbrt)),
+    ("cbrt", Unary::not_smooth(f64::cbrt)),
     ("exp", Unary::smooth(f64::exp, f64::exp)),
     ("ln", Unary::smooth(f64::ln, |a| 1.0 / a)),
     ("log", Unary::smooth(f64::ln, |a| 1.0 / a)),
@@ -109,16 +109,16 @@ pub(super) const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
     ("sin", Unary::smooth(f64::sin, f64::cos)),
     ("cos", Unary::smooth(f64::cos, |a| -a.sin())),
     ("tan", Unary::smooth(f64::tan, |a| 1.0 + a.tan() * a.tan())),
-    ("asin", Unary::broken(f64::asin)),
-    ("acos", Unary::broken(f64::acos)),
+    ("asin", Unary::not_smooth(f64::asin)),
+    ("acos", Unary::not_smooth(f64::acos)),
     ("atan", Unary::smooth(f64::atan, |a| 1.0 / (1.0 + a * a))),
     ("sinh", Unary::smooth(f64::sinh, f64::cosh)),
     ("cosh", Unary::smooth(f64::cosh, f64::sinh)),
     ("tanh", Unary::smooth(f64::tanh, |a| 1.0 - a.tanh() * a.tanh())),
-    ("floor", Unary::broken(f64::floor)),
-    ("ceil", Unary::broken(f64::ceil)),
-    ("step", Unary::broken(|a| compare(a, 0.0, |a, b| a > b))),
-    ("sign", Unary::broken(|a| compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b))),
+    ("floor", Unary::not_smooth(f64::floor)),
+    ("ceil", Unary::not_smooth(f64::ceil)),
+    ("step", Unary::not_smooth(|a| compare(a, 0.0, |a, b| a > b))),
+    ("sign", Unary::not_smooth(|a| compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b))),
 ];
 /// The operator `-a`.
 pub(super) const NEGATIVE: Unary = Unary::smooth(|a| -a, |_| -1.0);
