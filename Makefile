@@ -88,7 +88,7 @@ baseline: build ## where results differ from those of an older commit (REFERENCE
 lines: ## lines of code by module, without comments and unit tests
 	scripts/lines.sh
 
-slurm: $(if $(BUILT),,build) ## test the job scripts on a Slurm started here (BUILT=yes: no build)
+slurm: build ## test the job scripts on a Slurm started here
 	PHASEWARP=$(PROGRAM) tests/slurm.sh
 
 check: check-fmt check-clippy check-doc ## formatting, lints, documentation; warnings are errors
@@ -112,7 +112,7 @@ mutants: setup ## faults in the core that no test notices, with cargo-mutants (A
 	    { echo "make mutants needs cargo-mutants: cargo install cargo-mutants --locked" >&2; exit 1; }
 	$(CARGO) mutants $(ARGS)
 
-check-python: $(if $(BUILT),,build) python ## test the Python package, notebooks, lints and types
+check-python: build python ## test the Python package, notebooks, lints and types
 	cd python && $(PYTHON) -m ruff format --check . && $(PYTHON) -m ruff check . && \
 	    $(PYTHON) -m mypy && PHASEWARP=$(abspath $(PROGRAM)) OMP_NUM_THREADS=1 \
 	    OPENBLAS_NUM_THREADS=1 $(PYTHON) -m pytest -n 3 --dist worksteal
@@ -148,7 +148,7 @@ mpich: setup ## with MPICH, built in target/mpich: the MPI tests, and faults (TR
 	cargo test --release --test parallel $(ARGS) && \
 	cargo test --release --test cli -- --nocapture --test-threads=2 $(MPICH_TESTS)
 
-docs: $(if $(BUILT),,build) mkdocs ## build the documents as a site (BUILT=yes: no build)
+docs: build mkdocs ## build the documents as a site
 	scripts/docs.sh $(PROGRAM)
 
 chart: $(foreach n,1 2 3,chart-$(n)) ## accuracy against cost, examples 1 to 3 (BUDGET=)
