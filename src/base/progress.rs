@@ -1,17 +1,22 @@
 //! Progress output of rank 0: a bar on a terminal, a line every few seconds otherwise.
 
+use crate::base::log::eprint_wrapped;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 /// Seconds between lines where there is no terminal.
 const SECONDS_BETWEEN_LINES: f64 = 5.0;
+/// Seconds to go from which a remedy is printed.
+const LONG: f64 = 60.0;
 
 /// Progress of a rank's work, in units of its modelled cost.
 pub struct Progress {
     bar: Option<ProgressBar>,
     prints: bool,
     name: &'static str,
+    /// A sentence on how to avoid the work, until it is printed.
+    remedy: Option<&'static str>,
     done: usize,
     total: usize,
     started: Instant,
@@ -28,7 +33,13 @@ impl Progress {
                 .with_message(name)
                 .with_finish(ProgressFinish::AndClear)
         });
-        Self { bar, prints, name, done: 0, total, started: Instant::now(), last: Instant::now() }
+        let now = Instant::now();
+        Self { bar, prints, name, remedy: None, done: 0, total, started: now, last: now }
+    }
+
+    /// This progress, with a sentence that is printed once if the work takes minutes.
+    pub fn with_remedy(self, remedy: &'static str) -> Self {
+        Self { remedy: Some(remedy), ..self }
     }
 
     /// Progress that is not shown.
@@ -41,14 +52,22 @@ impl Progress {
         self.done += work;
         if let Some(bar) = &self.bar {
             bar.set_position(self.done as u64);
-        } else if self.prints
-            && self.last.elapsed() > Duration::from_secs_f64(SECONDS_BETWEEN_LINES)
-        {
-            self.last = Instant::now();
-            let fraction = self.done as f64 / self.total.max(1) as f64;
-            let left = self.started.elapsed().as_secs_f64() * (1.0 / fraction - 1.0);
-            let line = format!("{} {:.0} %, {left:.0} s to go", self.name, 100.0 * fraction);
-            crate::base::log::eprint_wrapped(&line);
+        }
+        let is_due = self.last.elapsed() > Duration::from_secs_f64(SECONDS_BETWEEN_LINES);
+        if !self.prints || !is_due || self.done == 0 {
+            return;
+        }
+        self.last = Instant::now();
+        let fraction = self.done as f64 / self.total.max(1) as f64;
+        let left = self.started.elapsed().as_secs_f64() * (1.0 / fraction - 1.0);
+        if self.bar.is_none() {
+            eprint_wrapped(&format!("{} {:.0} %, {left:.0} s to go", self.name, 100.0 * fraction));
+        }
+        if let Some(remedy) = self.remedy.take_if(|_| left > LONG) {
+            match &self.bar {
+                Some(bar) => bar.suspend(|| eprint_wrapped(remedy)),
+                None => eprint_wrapped(remedy),
+            }
         }
     }
 

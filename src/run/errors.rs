@@ -16,6 +16,7 @@ use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::oblique::oblique_edges;
 use crate::problem::potential::region_edges;
 use crate::results::summary::{ErrorNorms, GridErrors};
+use crate::run::exact::WITHOUT_EXACT_SOLUTION;
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
 use crate::run::exact::velocities::limits::expected_points;
@@ -87,7 +88,9 @@ pub fn by_elements(result: &ResultOnShare<'_>, exact: &Exact) -> Result<GridErro
     let velocities: usize = case.space.v.iter().map(Axis::elements).product();
     let nodes: usize = case.space.x.iter().map(|axis| axis.nodes.count()).product();
     let of_share: usize = share.iter().map(Range::len).product();
-    let mut progress = Progress::new(prints, "exact errors", of_share / nodes * velocities);
+    let all = of_share / nodes * velocities;
+    let mut progress =
+        Progress::new(prints, "exact errors", all).with_remedy(WITHOUT_EXACT_SOLUTION);
     for_each_element(&case.space, share, |element| {
         sums.add(element, &element.nodal(share, field));
         progress.advance(1);

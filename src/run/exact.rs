@@ -180,6 +180,10 @@ impl ExactWork {
     }
 }
 
+/// What helps where the exact solution, or the errors against it, take long.
+pub(crate) const WITHOUT_EXACT_SOLUTION: &str =
+    "--set exact={} leaves out the exact solution and the errors measured against it";
+
 /// Reports the progress of the exact solution, and once a warning if it takes long.
 struct ExactWatch {
     progress: Progress,
@@ -196,7 +200,8 @@ struct ExactWatch {
 
 impl ExactWatch {
     fn new(prints: bool, all: usize, work: ExactWork) -> Self {
-        let progress = Progress::new(prints, "exact solution", all * work.sum());
+        let progress = Progress::new(prints, "exact solution", all * work.sum())
+            .with_remedy(WITHOUT_EXACT_SOLUTION);
         Self { progress, silent: !prints, all, done: 0, work, started: Instant::now() }
     }
 

@@ -337,6 +337,48 @@ fn what_enters_is_evaluated_outside_of_the_box() {
     });
 }
 
+/// Particles pass a step of `V` within a formula if their energy is above it: as much
+/// mass arrives behind it as closed formulas of the paths say.
+#[test]
+fn steps_within_a_formula_have_their_height() {
+    const TEXT: &str = "[[axis]]\nx = { lower = -1, upper = 1, cells = 60 }\n\
+        v = { lower = -1.6, upper = 1.6, cells = 72 }\n[[potential]]\nvalue = \"0\"\n\
+        [initial]\nf = \"exp(-400*(v-1.035)^2 - 30*(x+0.5)^2)\"\n[time]\nend = 1.2\n\
+        [exact]\nkind = \"characteristics\"\n[solver]\nmethod = \"classical\"\n";
+    let (time, place_of_face) = (1.2, 0.1);
+    let expected = |step: f64| {
+        let passes = |x: f64, v: f64| {
+            if x > step {
+                return x + v * time > place_of_face;
+            }
+            let [left, square] = [time - (step - x) / v, v * v - 1.0];
+            square > 0.0 && left > 0.0 && step + square.sqrt() * left > place_of_face
+        };
+        let (mut sum, parts) = (0.0, 4000);
+        for i in 0..parts {
+            let x = -1.0 + 2.0 * (f64::from(i) + 0.5) / f64::from(parts);
+            for j in 0..800 {
+                let v = 0.8 + 0.5 * (f64::from(j) + 0.5) / 800.0;
+                let f = (-400.0 * (v - 1.035).powi(2) - 30.0 * (x + 0.5).powi(2)).exp();
+                sum += if passes(x, v) { f } else { 0.0 };
+            }
+        }
+        sum * 2.0 / f64::from(parts) * 0.5 / 800.0
+    };
+    let place = directory();
+    let path = written(place.path(), TEXT).unwrap();
+    for (number, (value, step)) in
+        [("0.5*step(x)", 0.0), ("0.5 if x > 0.03 else 0", 0.03)].into_iter().enumerate()
+    {
+        let results = place.path().join(number.to_string());
+        let set = format!("potential.0.value={value}");
+        Job::new(["run", &path]).set(&[&set]).solve(&results).unwrap();
+        let density = datasets(&results).unwrap()["/density_exact"].numbers();
+        let mass = density[33..].iter().sum::<f64>() / 30.0;
+        near(value, mass, expected(step), 0.02 * expected(step)).unwrap();
+    }
+}
+
 /// A mass against which errors on elements are measured is that of the formula, also where an edge
 /// of `V`, at which the density jumps, lies within an element.
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::support::{
     INTERFACES, Job, Mistake, Summary, all_refused, case, check, check_all, datasets, directory,
-    distance, run, text_of,
+    distance, run, text_of, written,
 };
 
 /// The fields `phi` and `psi_x` of one run, with one matrix and one pass over the modes, equal
@@ -206,4 +206,29 @@ fn elements_of_example_3_have_the_exact_mass() {
     let number = |key: &str| summary.number(key).unwrap();
     assert!((number("mass_exact") - 0.1564).abs() < 1e-4);
     assert!((number("mass") - number("mass_exact")).abs() < 0.01, "{}", number("mass"));
+}
+
+/// A sheet that lies on faces of the velocity elements has its density, as one between faces has.
+/// The polynomials of the elements on both sides have their zeros beyond these faces.
+#[test]
+fn sheets_on_faces_of_velocity_elements_keep_their_density() {
+    let text = "[[axis]]\nx = { lower = 3, upper = 5, cells = 40, boundary = \"periodic\" }\n\
+        v = { lower = -0.4, upper = 1.6, cells = 20 }\n\
+        [[potential]]\nwhere = \"x > 3.8 && x < 4.3\"\nvalue = \"-0.3\"\n\
+        [[potential]]\nvalue = \"0\"\n[initial]\ndensity = \"1+0.5*cos(pi*x)\"\n\
+        velocity = [\"sqrt(0.49+2*0.3) if x > 3.8 && x < 4.3 else 0.7\"]\n[time]\nend = 1.5\n\
+        [exact]\nkind = \"characteristics\"\n[solver]\nmethod = \"classical\"\n";
+    let place = directory();
+    let path = written(place.path(), text).unwrap();
+    // With 25 elements the sheet lies between faces.
+    let rows = [(2, 20), (3, 20), (4, 20), (3, 25), (2, 40), (4, 40)];
+    check_all(&rows, |&(degree, cells)| {
+        let set = [format!("scheme.degree={degree}"), format!("axis.0.v.cells={cells}")];
+        let job = Job::new(["run", &path]).set(&set.each_ref().map(String::as_str));
+        let summary = job.summary()?;
+        let error = summary.number("error_density_l1_relative")?;
+        summary.require(error < 0.03, || format!("error of the density {error}"))?;
+        let mass = summary.number("mass")?;
+        summary.require((mass - 2.0).abs() < 0.015, || format!("mass {mass}"))
+    });
 }

@@ -16,27 +16,23 @@
 //! proportional to `D_I²`. So near caustics the surface is followed along coordinates in which it
 //! is steep, and all terms are finite.
 //!
-//! Polynomials of neighbouring elements differ at their face by the error of the scheme, so that a
-//! zero there may be found in both or in none. Velocity elements therefore reach over their faces
-//! by `overlap`, with weights that fall linearly from 1 to 0 and sum to 1.
+//! Along the velocities level sets are continuous: see [`stretches`].
 
-use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::base::row_major::position;
-use crate::matrix::elements::{Element, apply_along_all, for_each_element};
-use crate::matrix::observables::level_sets::{IDENTITY, determinant};
+use crate::matrix::elements::apply_along_all;
+use crate::matrix::observables::level_sets::{IDENTITY, Jacobian, determinant};
+use crate::matrix::observables::surface::stretches::{Stretch, upper_face};
 use crate::matrix::observables::zeros::{basis, basis_slopes, evaluate, has_one_sign, zeros};
-use crate::problem::element::Nodes;
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
+use crate::problem::grid::{PhaseSpace, box_cells, coordinate};
 use std::ops::Range;
+
+mod stretches;
 
 /// `D_v²/Σ D_I²` below which the share of a zero found along the velocities is less than 1.
 const STEEP: f64 = 0.05;
-/// Points of the rule in a cell of a space axis, by dimension.
-const SPACE_POINTS: [usize; MAX_DIMENSION] = [8, 3, 1];
-/// Points of the rule in an element of a velocity axis for each of its nodes, by dimension.
-const VELOCITY_POINTS: [usize; MAX_DIMENSION] = [8, 2, 1];
-/// Zeros at most this far beyond an end of the velocity box, in half elements, count as on it.
-const AT_END: f64 = 1e-12;
+/// Where a level set is this many times as steep between two elements as in both, it jumps: a front
+/// passes there, and a zero in it does not count.
+const FRONT: f64 = 4.0;
 
 /// A zero of the level sets.
 pub struct SurfaceZero {
@@ -46,91 +42,6 @@ pub struct SurfaceZero {
     pub mass: f64,
     /// Coordinates `[x, y, z, vx, vy, vz]` of the zero.
     pub point: [f64; 6],
-}
-
-/// Distance by which a velocity element of degree `k` reaches over its faces, in half widths. It is
-/// about that of the outermost Gauss node, so that polynomials grow only by a constant factor.
-fn overlap(degree: usize) -> f64 {
-    0.5 / ((degree + 1) * (degree + 1)) as f64
-}
-
-/// An axis of the elements.
-struct ElementAxis {
-    nodes: Nodes,
-    /// Ends of the domain of an element's polynomial in its reference element, `[−reach, reach]`.
-    reach: f64,
-    /// Maps values at the nodes to Bernstein coefficients on that domain.
-    to_bernstein: Vec<Vec<f64>>,
-    /// The points of the rule, with weights as parts of the element's width.
-    samples: Vec<QuadraturePoint>,
-    /// Upper ends of the cells in the reference element.
-    faces: Vec<f64>,
-}
-
-impl ElementAxis {
-    fn new(nodes: Nodes, is_velocity: bool, n: usize) -> Self {
-        let (count, reference) = (nodes.count(), nodes.reference());
-        let reach = if is_velocity { 1.0 + overlap(nodes.degree) } else { 1.0 };
-        let mut faces = vec![-1.0];
-        for (m, weight) in reference.weights.iter().enumerate() {
-            faces.push(if m + 1 == count { 1.0 } else { faces[m] + weight });
-        }
-        let parts: Vec<[f64; 2]> = if is_velocity {
-            vec![[-1.0, 1.0]]
-        } else {
-            faces.windows(2).map(|ends| [ends[0], ends[1]]).collect()
-        };
-        let points = if is_velocity { VELOCITY_POINTS[n - 1] * count } else { SPACE_POINTS[n - 1] };
-        let rule = gauss_legendre(points);
-        let samples = parts.iter().flat_map(|[lower, upper]| {
-            let points = rule.iter().map(|point| point.moved_to([*lower, *upper]));
-            points.map(|p| QuadraturePoint { weight: 0.5 * p.weight, ..p })
-        });
-        Self {
-            nodes,
-            reach,
-            to_bernstein: to_bernstein(nodes, reach),
-            samples: samples.collect(),
-            faces: faces[1..].to_vec(),
-        }
-    }
-
-    /// The coordinate in `[0, 1]` of `ξ` in the domain.
-    fn coordinate(&self, xi: f64) -> f64 {
-        0.5 * (1.0 + xi / self.reach)
-    }
-
-    /// The point `ξ` of the reference element with a coordinate in the domain.
-    fn xi(&self, coordinate: f64) -> f64 {
-        self.reach * (2.0 * coordinate - 1.0)
-    }
-
-    /// The cell of an element that holds `ξ`.
-    fn cell(&self, xi: f64) -> usize {
-        self.faces.iter().position(|face| xi < *face).unwrap_or(self.faces.len() - 1)
-    }
-}
-
-/// The matrix that maps values at the nodes to Bernstein coefficients on `[−reach, reach]`. Each
-/// Lagrange polynomial is the product of its linear factors `(ξ − ξ_m)/(ξ_n − ξ_m)`.
-fn to_bernstein(nodes: Nodes, reach: f64) -> Vec<Vec<f64>> {
-    let (count, at) = (nodes.count(), &nodes.reference().nodes);
-    let column = |n: usize| {
-        let mut coefficients = vec![1.0];
-        for m in (0..count).filter(|m| *m != n) {
-            let [lower, upper] = [-reach, reach].map(|end| (end - at[m]) / (at[n] - at[m]));
-            let k = coefficients.len();
-            let mut next = vec![0.0; k + 1];
-            for (j, c) in coefficients.iter().enumerate() {
-                next[j] += (k - j) as f64 / k as f64 * lower * c;
-                next[j + 1] += (j + 1) as f64 / k as f64 * upper * c;
-            }
-            coefficients = next;
-        }
-        coefficients
-    };
-    let columns: Vec<Vec<f64>> = (0..count).map(column).collect();
-    (0..count).map(|j| columns.iter().map(|column| column[j]).collect()).collect()
 }
 
 /// A set of axes.
@@ -153,17 +64,6 @@ impl AxisSet {
     }
 }
 
-/// The surface over one element.
-struct SurfacePatch<'a> {
-    element: &'a Element<'a>,
-    space: &'a PhaseSpace,
-    lines: &'a [ElementAxis],
-    /// Coefficients of `φ`.
-    phi: Vec<f64>,
-    /// Coefficients of each level set.
-    psi: Vec<Vec<f64>>,
-}
-
 /// Calls `visit` with the zeros of the level sets `psi` over the space cells `share` with all
 /// velocities, where `phi` and each of `psi` hold nodal values. The masses of the zeros sum to the
 /// integral of `φ Π_a δ(ψ_a)`.
@@ -175,47 +75,119 @@ pub fn for_each_zero(
     mut visit: impl FnMut(&SurfaceZero),
 ) {
     let n = space.dimension();
-    let lines: Vec<ElementAxis> =
-        space.axes().enumerate().map(|(a, axis)| ElementAxis::new(axis.nodes, a >= n, n)).collect();
-    for_each_element(space, share, |element| {
-        let matrices = || lines.iter().map(|line| &line.to_bernstein);
-        let coefficients =
-            |field: &[f64]| apply_along_all(&element.nodal(share, field), matrices());
-        // A level set of one sign has no zero in the element.
-        let may_vanish = |psi: &&[f64]| Some(coefficients(psi)).filter(|psi| !has_one_sign(psi));
-        let Some(psi) = psi.iter().map(may_vanish).collect() else { return };
-        let patch = SurfacePatch { element, space, lines: &lines, phi: coefficients(phi), psi };
-        for solved in AxisSet::of_size(2 * n, n) {
-            let constant = |b: usize| solved.contains(b) && lines[b].nodes.degree == 0;
-            if !(0..2 * n).any(constant) {
-                patch.solve(solved, share, &mut visit);
+    let of_space = space.x.iter().map(|axis| Stretch::of_space(axis, n));
+    let of_velocity = space.v.iter().map(|axis| Stretch::of_velocity(axis, n));
+    let axes = of_space.chain(of_velocity).collect();
+    let surface = Surface { space, share, axes, psi };
+    let elements: Vec<Range<usize>> = (space.x.iter().zip(share))
+        .map(|(axis, range)| range.start / axis.nodes.count()..range.end / axis.nodes.count())
+        .collect();
+    let velocities: Vec<Range<usize>> = surface.axes[n..].iter().map(|a| 0..a.len()).collect();
+    for i in box_cells(&elements) {
+        for j in box_cells(&velocities) {
+            let stretches: Vec<usize> = i[..n].iter().chain(&j[..n]).copied().collect();
+            if let Some(patch) = SurfacePatch::new(&surface, stretches, phi) {
+                patch.visit(&mut visit);
             }
         }
-    });
+    }
 }
 
-impl SurfacePatch<'_> {
+/// The level sets on the grid.
+struct Surface<'a> {
+    space: &'a PhaseSpace,
+    /// The rank's cells of space.
+    share: &'a [Range<usize>],
+    /// The stretches of each axis.
+    axes: Vec<Vec<Stretch>>,
+    /// Nodal values of the level sets.
+    psi: &'a [&'a [f64]],
+}
+
+impl Surface<'_> {
+    /// Bernstein coefficients of a field on the box of these `stretches`, from its nodal values.
+    fn coefficients(&self, stretches: &[usize], field: &[f64]) -> Vec<f64> {
+        let n = self.space.dimension();
+        let boxed = || self.axes.iter().zip(stretches).map(|(axis, number)| &axis[*number]);
+        let nodes: Vec<Range<usize>> = boxed().map(|stretch| stretch.nodes.clone()).collect();
+        let all: Vec<Range<usize>> = self.space.v.iter().map(|axis| 0..axis.cells).collect();
+        let velocity_cells = self.space.velocity_cells();
+        let mut values = Vec::with_capacity(nodes.iter().map(Range::len).product());
+        for i in box_cells(&nodes[..n]) {
+            let point = position(self.share, &i[..n]).expect("the element is in the share");
+            values.extend(box_cells(&nodes[n..]).map(|j| {
+                let velocity = position(&all, &j[..n]).expect("nodes are cells");
+                field[point * velocity_cells + velocity]
+            }));
+        }
+        apply_along_all(&values, boxed().map(|stretch| &stretch.to_bernstein))
+    }
+}
+
+/// The surface over a box of stretches.
+struct SurfacePatch<'a> {
+    surface: &'a Surface<'a>,
+    /// Number of the stretch along each axis.
+    stretches: Vec<usize>,
+    /// Coefficients of `φ`.
+    phi: Vec<f64>,
+    /// Coefficients of each level set.
+    psi: Vec<Vec<f64>>,
+}
+
+impl<'a> SurfacePatch<'a> {
+    /// The surface over the box of these `stretches`; `None` if there is none.
+    fn new(surface: &'a Surface<'a>, stretches: Vec<usize>, phi: &[f64]) -> Option<Self> {
+        let coefficients = |field: &[f64]| surface.coefficients(&stretches, field);
+        // A level set of one sign has no zero.
+        let may_vanish = |psi: &&[f64]| Some(coefficients(psi)).filter(|psi| !has_one_sign(psi));
+        let psi = surface.psi.iter().map(may_vanish).collect::<Option<_>>()?;
+        let phi = coefficients(phi);
+        Some(Self { surface, stretches, phi, psi })
+    }
+
+    fn stretch(&self, axis: usize) -> &Stretch {
+        &self.surface.axes[axis][self.stretches[axis]]
+    }
+
+    /// The axes, by number, with their stretches.
+    fn each(&self) -> impl Iterator<Item = (usize, &Stretch)> {
+        (0..self.stretches.len()).map(|axis| (axis, self.stretch(axis)))
+    }
+
+    /// Visits the zeros along every set of axes.
+    fn visit(&self, visit: &mut impl FnMut(&SurfaceZero)) {
+        let axes = self.stretches.len();
+        for solved in AxisSet::of_size(axes, axes / 2) {
+            let constant = |b: usize| solved.contains(b) && self.stretch(b).nodes.len() == 1;
+            if !(0..axes).any(constant) {
+                self.solve(solved, visit);
+            }
+        }
+    }
+
     /// Visits the zeros along the axes of the set `solved`, at every point of the rule of the other
     /// axes.
-    fn solve(&self, solved: AxisSet, share: &[Range<usize>], visit: &mut impl FnMut(&SurfaceZero)) {
-        let axes = self.lines.len();
+    fn solve(&self, solved: AxisSet, visit: &mut impl FnMut(&SurfaceZero)) {
+        let axes = self.stretches.len();
         let is_solved = |b: usize| solved.contains(b);
         let shape: Vec<usize> =
-            (0..axes).filter(|b| is_solved(*b)).map(|b| self.lines[b].nodes.count()).collect();
+            self.each().filter(|(b, _)| is_solved(*b)).map(|(_, s)| s.nodes.len()).collect();
         let counts: Vec<usize> =
-            (0..axes).map(|b| if is_solved(b) { 1 } else { self.lines[b].samples.len() }).collect();
+            self.each().map(|(b, s)| if is_solved(b) { 1 } else { s.samples.len() }).collect();
         for number in 0..counts.iter().product() {
-            let (mut rest, mut weight, mut xi) = (number, 1.0, vec![0.0; axes]);
+            let (mut rest, mut weight, mut places) = (number, 1.0, vec![0.0; axes]);
             for b in (0..axes).rev().filter(|b| !is_solved(*b)) {
-                let sample = &self.lines[b].samples[rest % counts[b]];
+                let sample = &self.stretch(b).samples[rest % counts[b]];
                 rest /= counts[b];
-                xi[b] = sample.node;
+                places[b] = sample.node;
                 weight *= sample.weight;
             }
-            let rows: Vec<AxisRow> = (self.lines.iter().enumerate())
-                .map(|(b, line)| {
-                    let row = basis(line.nodes.degree, line.coordinate(xi[b]));
-                    AxisRow { count: line.nodes.count(), row: (!is_solved(b)).then_some(row) }
+            let rows: Vec<AxisRow> = (self.each())
+                .map(|(b, stretch)| {
+                    let count = stretch.nodes.len();
+                    let row = || basis(count - 1, stretch.coordinate(places[b]));
+                    AxisRow { count, row: (!is_solved(b)).then(row) }
                 })
                 .collect();
             let restricted = |c: &Vec<f64>| {
@@ -225,31 +197,26 @@ impl SurfacePatch<'_> {
             };
             for zero in zeros(self.psi.iter().map(restricted).collect(), &shape) {
                 for (coordinate, b) in zero.iter().zip((0..axes).filter(|b| is_solved(*b))) {
-                    xi[b] = self.lines[b].xi(*coordinate);
+                    places[b] = self.stretch(b).place(*coordinate);
                 }
-                if let Some(zero) = self.zero(solved, &xi, weight, share) {
+                if let Some(zero) = self.zero(solved, &places, weight) {
                     visit(&zero);
                 }
             }
         }
     }
 
-    /// The contribution of a zero at `xi`, found with the axes `solved`, at a quadrature point of
-    /// weight `weight`; `None` if it is zero.
-    fn zero(
-        &self,
-        solved: AxisSet,
-        xi: &[f64],
-        weight: f64,
-        share: &[Range<usize>],
-    ) -> Option<SurfaceZero> {
-        let n = self.space.dimension();
-        let part: f64 =
-            (n..2 * n).filter(|b| solved.contains(*b)).map(|b| self.part(b, xi[b])).product();
+    /// The contribution of a zero at `places`, in elements, found with the axes `solved`, at a
+    /// quadrature point of weight `weight`; `None` if it is zero.
+    fn zero(&self, solved: AxisSet, places: &[f64], weight: f64) -> Option<SurfaceZero> {
+        let Surface { space, share, .. } = self.surface;
+        let n = space.dimension();
+        let along = self.each().skip(n).filter(|(b, _)| solved.contains(*b));
+        let part: f64 = along.map(|(b, stretch)| stretch.part(places[b])).product();
         let velocities = AxisSet::of_range(n..2 * n);
-        let minors = self.minors(xi);
-        let square = |set: AxisSet| minors.iter().find(|m| m.0 == set).map_or(0.0, |m| m.1 * m.1);
-        let all: f64 = minors.iter().map(|m| m.1 * m.1).sum();
+        let slopes = self.slopes(places);
+        let square = |set: AxisSet| determinant(&jacobian(&slopes, set)).powi(2);
+        let all: f64 = AxisSet::of_size(2 * n, n).map(square).sum();
         let along_velocities = smooth_step(square(velocities) / (STEEP * all));
         let counts = if solved == velocities {
             along_velocities
@@ -259,71 +226,86 @@ impl SurfacePatch<'_> {
         if part == 0.0 || counts.is_nan() || counts <= 0.0 {
             return None;
         }
-        let bases: Vec<Vec<f64>> = (self.lines.iter().zip(xi))
-            .map(|(line, xi)| basis(line.nodes.degree, line.coordinate(*xi)))
-            .collect();
-        let volume: f64 = self.space.axes().map(|axis| axis.width()).product();
-        let density = evaluate(&self.phi, &bases) / square(solved).sqrt();
-        let cell: [usize; MAX_DIMENSION] = std::array::from_fn(|a| {
-            if a < n {
-                self.element.index[a] * self.lines[a].nodes.count() + self.lines[a].cell(xi[a])
-            } else {
-                0
-            }
-        });
-        let cell = position(share, &cell).expect("the element is in the share");
-        let mass = part * counts * weight * volume * density;
-        Some(SurfaceZero { cell, mass, point: self.element.point(xi) })
-    }
-
-    /// The weight of the element at `ξ` along a velocity axis; those of overlapping elements sum to
-    /// 1.
-    fn part(&self, b: usize, xi: f64) -> f64 {
-        let elements = self.space.v[b - self.space.dimension()].elements();
-        let overlap = self.lines[b].reach - 1.0;
-        let e = self.element.index[b];
-        let beyond = xi.abs() - 1.0;
-        if (xi < 0.0 && e == 0) || (xi > 0.0 && e + 1 == elements) {
-            return f64::from(u8::from(beyond <= AT_END));
+        if self.is_at_front(solved, places, square(solved).sqrt()) {
+            return None;
         }
-        (0.5 * (1.0 - beyond / overlap)).clamp(0.0, 1.0)
+        let bases: Vec<Vec<f64>> =
+            self.each().map(|(b, s)| basis(s.nodes.len() - 1, s.coordinate(places[b]))).collect();
+        let volume: f64 = space.axes().map(|axis| axis.width()).product();
+        let density = evaluate(&self.phi, &bases) / square(solved).sqrt();
+        let cell: Vec<usize> = (0..n).map(|a| self.cell(a, places[a])).collect();
+        let cell = position(share, &cell).expect("the element is in the share");
+        let mut point = [0.0; 6];
+        for (a, axis) in space.axes().enumerate() {
+            let element = places[a].floor();
+            let xi = 2.0 * (places[a] - element) - 1.0;
+            point[coordinate(n, a)] = axis.at(element as i64, xi);
+        }
+        Some(SurfaceZero { cell, mass: part * counts * weight * volume * density, point })
     }
 
-    /// The minors `det ∂Ψ/∂I` at `xi` of all sets `I` of `n` axes, lengths in elements.
-    fn minors(&self, xi: &[f64]) -> Vec<(AxisSet, f64)> {
-        let (n, axes) = (self.space.dimension(), self.lines.len());
-        let rows = |derived: usize| -> Vec<Vec<f64>> {
-            (self.lines.iter().zip(xi).enumerate())
-                .map(|(b, (line, xi))| {
-                    let coordinate = line.coordinate(*xi);
-                    if b == derived {
-                        basis_slopes(line.nodes.degree, coordinate)
-                    } else {
-                        basis(line.nodes.degree, coordinate)
-                    }
-                })
-                .collect()
-        };
-        // [axis][level set], with lengths in elements: an element is 1/reach of the domain.
-        let slopes: Vec<Vec<f64>> = (0..axes)
-            .map(|b| {
-                let rows = rows(b);
-                self.psi.iter().map(|psi| evaluate(psi, &rows) / self.lines[b].reach).collect()
-            })
-            .collect();
-        AxisSet::of_size(axes, n)
-            .map(|set| {
-                let mut jacobian = IDENTITY;
-                let chosen = (0..axes).filter(|b| set.contains(*b));
-                for (column, b) in chosen.enumerate() {
-                    for (a, row) in jacobian.iter_mut().enumerate().take(n) {
-                        row[column] = slopes[b][a];
-                    }
-                }
-                (set, determinant(&jacobian))
-            })
-            .collect()
+    /// The cell of a space axis that holds a place of this patch.
+    fn cell(&self, a: usize, place: f64) -> usize {
+        let nodes = self.surface.space.x[a].nodes;
+        let element = self.stretches[a];
+        let part = place - element as f64;
+        let node = (0..nodes.count()).position(|node| part < upper_face(nodes, node));
+        element * nodes.count() + node.unwrap_or(nodes.count() - 1)
     }
+
+    /// Whether a zero between elements, found with the axes `solved` with this `steepness`, lies at
+    /// a front: the level sets are far less steep in the elements.
+    fn is_at_front(&self, solved: AxisSet, places: &[f64], steepness: f64) -> bool {
+        let n = self.surface.space.dimension();
+        let nodes = |b: usize| self.surface.space.v[b - n].nodes;
+        let bridges: Vec<usize> = (self.each().skip(n))
+            .filter(|(b, stretch)| solved.contains(*b) && stretch.is_bridge(nodes(*b)))
+            .map(|(b, _)| b)
+            .collect();
+        let of_element = |side: usize| {
+            let mut stretches = self.stretches.clone();
+            for (k, b) in bridges.iter().enumerate() {
+                // The elements are before and behind the bridge.
+                stretches[*b] =
+                    if side >> k & 1 == 0 { stretches[*b] - 1 } else { stretches[*b] + 1 };
+            }
+            let psi: Vec<Vec<f64>> = (self.surface.psi.iter())
+                .map(|psi| self.surface.coefficients(&stretches, psi))
+                .collect();
+            let element = Self { surface: self.surface, stretches, phi: Vec::new(), psi };
+            let at: Vec<f64> = element.each().map(|(b, s)| s.nearest(places[b])).collect();
+            determinant(&jacobian(&element.slopes(&at), solved)).abs()
+        };
+        let sides = 0..1usize << bridges.len();
+        !bridges.is_empty() && sides.map(of_element).all(|slope| steepness > FRONT * slope)
+    }
+
+    /// The slopes of the level sets at `places`, axis by axis, lengths in elements.
+    fn slopes(&self, places: &[f64]) -> Vec<Vec<f64>> {
+        let along = |derived: usize| {
+            let rows: Vec<Vec<f64>> = (self.each())
+                .map(|(b, stretch)| {
+                    let basis = if b == derived { basis_slopes } else { basis };
+                    basis(stretch.nodes.len() - 1, stretch.coordinate(places[b]))
+                })
+                .collect();
+            let width = self.stretch(derived).width();
+            self.psi.iter().map(|psi| evaluate(psi, &rows) / width).collect()
+        };
+        (0..self.stretches.len()).map(along).collect()
+    }
+}
+
+/// `∂Ψ/∂I` of the axes `set`, from the slopes along all axes.
+fn jacobian(slopes: &[Vec<f64>], set: AxisSet) -> Jacobian {
+    let mut jacobian = IDENTITY;
+    let chosen = slopes.iter().enumerate().filter(|(b, _)| set.contains(*b));
+    for (column, (_, slopes)) in chosen.enumerate() {
+        for (row, slope) in jacobian.iter_mut().zip(slopes) {
+            row[column] = *slope;
+        }
+    }
+    jacobian
 }
 
 /// A step that rises smoothly from 0 to 1, which it reaches at `u = 1`.
