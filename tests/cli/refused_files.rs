@@ -284,7 +284,7 @@ const OUTPUT: &[Row] = &[
     (
         "recovery_points = 2",
         "recovery_points = 2\nchunks = [1, 128]\nmoments_every = 0.005",
-        &["output.chunks", "chunks at 201 times with moments; at most 16384"],
+        &["output.chunks", "chunks at 200 times with moments; at most 16384"],
     ),
     ("recovery_points = 2", "recovery_points = 2\nxdmf = 1", &["output.xdmf", "true or false"]),
 ];
