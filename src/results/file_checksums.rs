@@ -94,14 +94,24 @@ pub(crate) fn damage(directory: &Path, name: &str) -> Option<Error> {
     (of_file_alone(&path).ok()? != expected).then(|| changed(&path))
 }
 
-/// Compares the files of `directory` with their sizes, without reading them: a file may have grown
-/// to any size. By one process alone.
+/// Compares the files of `directory` that are there with their sizes, without reading them: a file
+/// may have grown to any size. By one process alone.
 ///
 /// # Errors
-/// [`Error::Output`], which names a file that is missing or has another size, or `summary.json` if
-/// that is not as it was written.
+/// [`Error::Output`], which names a file that has another size, or `summary.json` if that is not as
+/// it was written.
 pub(crate) fn check_sizes(directory: &Path) -> Result<()> {
-    of_all(directory).map(drop)
+    compare_sizes(directory, &of_summary(directory)?)
+}
+
+fn compare_sizes(directory: &Path, all: &FileChecksums) -> Result<()> {
+    all.iter().try_for_each(|(name, expected)| {
+        let path = directory.join(name);
+        match std::fs::metadata(&path).map(|found| found.len()) {
+            Ok(bytes) if bytes != expected.bytes => Err(resized(&path, bytes, expected.bytes)),
+            _ => Ok(()),
+        }
+    })
 }
 
 /// The error that a file has another checksum than when it was written.
@@ -118,17 +128,17 @@ fn resized(path: &Path, bytes: u64, expected: u64) -> Error {
 /// if there is no such file, or if an older version wrote it.
 fn of_all(directory: &Path) -> Result<FileChecksums> {
     let expected = of_summary(directory)?;
-    let sound = |(name, expected): (&String, &FileChecksum)| {
+    let there = |name: &String| {
         let path = directory.join(name);
-        match std::fs::metadata(&path) {
-            Ok(found) if found.is_file() && !name.contains('/') => match found.len() {
-                bytes if bytes == expected.bytes => Ok(()),
-                bytes => Err(resized(&path, bytes, expected.bytes)),
-            },
-            _ => Err(failure(&path, &"is missing")),
+        if name.contains('/') || !path.is_file() {
+            Err(failure(&path, &"is missing"))
+        } else {
+            Ok(())
         }
     };
-    expected.iter().try_for_each(sound).map(|()| expected)
+    expected.keys().try_for_each(there)?;
+    compare_sizes(directory, &expected)?;
+    Ok(expected)
 }
 
 fn of_summary(directory: &Path) -> Result<FileChecksums> {
