@@ -110,16 +110,34 @@ pub fn write_pieces(path: &Path, pieces: impl Iterator<Item = String>) -> Result
     })
 }
 
-/// The text of a regular file. A pipe is refused, as reading it may wait for ever.
+/// Longest text that is read, in bytes: 64 MiB. The program writes summaries and manifests of some
+/// MB at most.
+const LONGEST_TEXT: u64 = 64 << 20;
+
+/// The text of a regular file of at most 64 MiB. A pipe is refused, as reading it may wait for
+/// ever.
 ///
 /// # Errors
 /// [`Error::Output`].
 pub fn read_text(path: &Path) -> Result<String> {
-    let read = || {
-        let mut text = String::new();
-        open_regular(path)?.read_to_string(&mut text).map(|_| text)
+    text_of(path).map_err(|e| failure(path, &e))
+}
+
+/// The text of a file, as [`read_text`] reads it.
+///
+/// # Errors
+/// Of the file system; that it is no file, no text, or larger.
+pub(crate) fn text_of(path: &Path) -> io::Result<String> {
+    let file = open_regular(path)?;
+    let within = |bytes: u64| match bytes {
+        0..=LONGEST_TEXT => Ok(()),
+        _ => Err(io::Error::other(format!("{bytes} bytes; at most {LONGEST_TEXT} are read"))),
     };
-    read().map_err(|e| failure(path, &e))
+    within(file.metadata()?.len())?;
+    let mut text = String::new();
+    // It may grow meanwhile.
+    within(file.take(LONGEST_TEXT + 1).read_to_string(&mut text)? as u64)?;
+    Ok(text)
 }
 
 /// Opens a regular file. A pipe is refused, as opening it may wait for ever.
@@ -190,4 +208,24 @@ pub(crate) fn directory_error(directory: &Path, reason: impl Into<String>) -> Er
 /// An [`Error::Output`] about `path`.
 pub(crate) fn failure(path: &Path, reason: &dyn std::fmt::Display) -> Error {
     Error::Output { path: path.to_owned(), reason: reason.to_string() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_of_any_size_are_refused_without_reading_them() {
+        let place = tempfile::tempdir().expect("a directory");
+        let path = place.path().join("text");
+        let file = File::create(&path).expect("a file");
+        for (bytes, is_read) in [(0, true), (1 << 20, true), (LONGEST_TEXT + 1, false)] {
+            file.set_len(bytes).expect("a size");
+            assert_eq!(read_text(&path).is_ok(), is_read, "{bytes} bytes");
+        }
+        file.set_len(60 << 30).expect("a size");
+        let refusal = read_text(&path).expect_err("too large").to_string();
+        let named = ["text: 64424509440 bytes", "at most 67108864"];
+        assert!(named.iter().all(|words| refusal.contains(words)), "{refusal}");
+    }
 }

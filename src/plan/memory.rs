@@ -7,9 +7,12 @@ use crate::matrix::inflow::{AuxiliaryRow, VaryingInflow};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
-use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter, Method};
+use crate::problem::case::{
+    Case, Data, Embedding, Integrator, Limiter, Method, Storage, TableFile,
+};
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::table::Table;
 use crate::propagate::descriptor;
 use crate::propagate::evolution::MatrixShare;
 use crate::propagate::intermediate_moments::IntermediateMoments;
@@ -17,6 +20,7 @@ use crate::propagate::method::BatchCoupling;
 use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
+use std::ops::Range;
 
 /// Bytes that the program and its libraries allocate, with buffers of HDF5 and MPI. It is the rest
 /// of the peaks in the table of `docs/reliability.md`, without pages of files.
@@ -26,15 +30,34 @@ const PROGRAM_BYTES: u64 = 5 << 20;
 const EXCHANGE_BYTES: u64 = 1 << 20;
 
 /// Bytes that HDF5 takes on the fullest rank while a dataset is written in chunks: the larger of
-/// two steps. Fitted to 1 to 8 ranks and up to 16384 chunks.
+/// two steps. Fitted to 1 to 4 ranks, 4096 to 16384 chunks of 1 to 25 cells, one and two
+/// dimensions.
 mod chunk {
     /// The first step, for each chunk of the dataset.
-    pub const FIRST_STEP: u64 = 4720;
+    pub const FIRST_STEP: u64 = 4700;
+    /// The first step in addition, on several ranks.
+    pub const FIRST_STEP_TOGETHER: u64 = 7 << 18;
     /// The second step, for each chunk of the dataset.
     pub const SECOND_STEP: u64 = 950;
+
     /// The second step in addition, for each chunk that the rank writes a part of.
-    pub const SECOND_STEP_OWN: u64 = 10_430;
+    pub struct Own {
+        /// Whatever its shape.
+        pub each: u64,
+        /// For each group of pieces.
+        pub group: u64,
+        /// For each piece: a run of cells in storage order, or a group in another.
+        pub piece: u64,
+    }
+
+    /// Where chunks are written as they are.
+    pub const PLAIN: Own = Own { each: 10_430, group: 130, piece: 100 };
+    /// Where they are compressed.
+    pub const COMPRESSED: Own = Own { each: 7130, group: 0, piece: 45 };
 }
+
+/// Bytes of a region of `V`: its keys, as they are given, read and stored, and its formulas.
+const REGION_BYTES: u64 = 6 << 10;
 
 /// Bytes of a rank, of `ranks` in all, that are pages of the files of the program and its
 /// libraries. Their number depends on the kernel's page cache; this is the largest that was
@@ -89,26 +112,65 @@ pub(crate) fn memory_of_points(work: PlannedWork<'_>, mesh: &ProcessMesh, points
     list.iter().map(|a| a.bytes).sum()
 }
 
-/// Bytes that HDF5 takes while it writes a dataset of the user's grid in chunks. Measured: 11.4 kB
-/// a chunk on one rank, 6.2 kB on two, 4.7 kB on three to eight, in one and two dimensions.
+/// Bytes that HDF5 takes while it writes a dataset of the user's grid in chunks, with all times if
+/// fields are written at several. Measured on one rank: 11.4 kB a chunk of one cell, 8.0 kB if it
+/// is compressed.
 fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
     let (space, storage) = (grid(case), &case.storage);
-    let chunks = storage.most_chunks(&space);
-    // Ranks have shares along the first axis; chunks at the ends of a share belong to two ranks.
-    let cells = space.x[0].cells;
-    let length = storage.chunks.as_ref().map_or(1, |chunks| chunks[0]);
-    let layers = cells.div_ceil(length);
-    let shared = usize::from(length > 1);
-    let own_layers = (cells.div_ceil(mesh.ranks()).div_ceil(length) + shared).min(layers);
-    let own = (chunks.div_ceil(layers) * own_layers).min(chunks);
-    let [chunks, own] = [chunks, own].map(|n| n as u64);
-    (chunk::FIRST_STEP * chunks).max(chunk::SECOND_STEP * chunks + chunk::SECOND_STEP_OWN * own)
+    let at_a_time = storage.most_chunks(&space);
+    if at_a_time == 0 {
+        return 0;
+    }
+    let times = case.shown_times().filter(|time| time.fields).count().max(1);
+    let all = (at_a_time * times) as u64;
+    let own = own_chunks(&space, storage, mesh, at_a_time) as u64;
+    let step = if storage.compression > 0 { chunk::COMPRESSED } else { chunk::PLAIN };
+    let [groups, pieces] = pieces_of_a_chunk(case, &space);
+    let of_own = step.each + step.group * groups + step.piece * pieces;
+    let together = u64::from(mesh.ranks() > 1) * chunk::FIRST_STEP_TOGETHER;
+    (chunk::FIRST_STEP * all + together).max(chunk::SECOND_STEP * all + of_own * own)
+}
+
+/// The groups and the pieces of a chunk of the largest dataset, if the user gives chunks: a group
+/// along each axis but the last, from the first one on along which the chunk has several cells, and
+/// as many groups in it as it has cells.
+fn pieces_of_a_chunk(case: &Case, space: &PhaseSpace) -> [u64; 2] {
+    // Components of a gradient are in one chunk.
+    let components = if case.is_measure_valued() { space.dimension() } else { 1 };
+    let chunks = case.storage.chunks.iter().flatten().zip(space.axes());
+    let lengths = chunks.map(|(&length, axis)| length.min(axis.cells));
+    let lengths = std::iter::once(components).chain(lengths).take(2 * space.dimension());
+    let [mut groups, mut pieces, mut inner] = [0, 0, 1];
+    for length in lengths.skip_while(|&length| length == 1) {
+        groups += inner;
+        inner *= length as u64;
+        pieces += inner;
+    }
+    [groups, pieces]
+}
+
+/// The most of `chunks` chunks of `space` that a rank writes a part of.
+fn own_chunks(space: &PhaseSpace, storage: &Storage, mesh: &ProcessMesh, chunks: usize) -> usize {
+    let shares =
+        (0..mesh.ranks()).map(|rank| mesh.share(space, rank % mesh.blocks(), rank / mesh.blocks()));
+    let Some(lengths) = &storage.chunks else {
+        // Planned chunks are as long as the last axes, and short along the first.
+        let layers = shares.map(|share| share[0].len()).max().unwrap_or(0);
+        return (chunks * layers).div_ceil(space.x[0].cells);
+    };
+    let touched = |(share, length): (&Range<usize>, &usize)| {
+        share.end.div_ceil(*length).saturating_sub(share.start / length)
+    };
+    let in_space = shares.map(|share| share.iter().zip(lengths).map(touched).product::<usize>());
+    let velocities = lengths.iter().zip(space.axes()).skip(space.dimension());
+    let velocities = velocities.map(|(length, axis)| axis.cells.div_ceil(*length));
+    in_space.max().unwrap_or(0) * velocities.product::<usize>()
 }
 
 /// The arrays of the fullest rank, in bytes, if a rank has at most `most` modes. It is the largest
-/// of five lists: while the matrix is assembled, while particles of the exact flow are traced,
-/// during the solve, while the error of the grid is estimated, and while results are expanded to
-/// the user's grid.
+/// of six lists: while the matrix is assembled, while particles of the exact flow are traced,
+/// during the solve, while the error of the grid is estimated, while results are expanded to the
+/// user's grid, and while they are written.
 pub(crate) fn arrays(work: PlannedWork<'_>, mesh: &ProcessMesh, most: usize) -> Vec<NamedBytes> {
     let PlannedWork { case, warp, .. } = work;
     let rank = FullestRank::new(work, mesh);
@@ -118,6 +180,7 @@ pub(crate) fn arrays(work: PlannedWork<'_>, mesh: &ProcessMesh, most: usize) -> 
     };
     let results = rank.results(warp);
     let mut expanding: Vec<NamedBytes> = results.iter().cloned().chain(rank.expanded()).collect();
+    let writing = [rank.writing(), expanding.clone()].concat();
     if case.space.whole_degree() > 0 && case.traces_exact() {
         // Their errors are integrals, for which the exact solution is traced once more.
         expanding.push(rank.traced());
@@ -128,7 +191,7 @@ pub(crate) fn arrays(work: PlannedWork<'_>, mesh: &ProcessMesh, most: usize) -> 
     let largest = lists.into_iter().max_by_key(bytes).unwrap_or_default();
     let running = [rank.system(), largest].concat();
 
-    [rank.assembling(), running].into_iter().max_by_key(bytes).unwrap_or_default()
+    [rank.assembling(), running, writing].into_iter().max_by_key(bytes).unwrap_or_default()
 }
 
 /// The sizes of the fullest rank of a mesh.
@@ -220,14 +283,16 @@ impl<'a> FullestRank<'a> {
         let [before, changed] = [before, changed].map(|each| (each * self.rows() as f64) as u64);
         let sorted = layer_bytes(layers, self.cells / layers, contributions);
         let more = sorted.max(changed.saturating_sub(before));
-        vec![
+        let mut list = vec![
             self.program(),
             self.inflow(0),
             NamedBytes::new("rows of the matrix as they are assembled", before),
             NamedBytes::new("layers of them, or weighted rows", more),
             // Weights and the vectors with which they are found.
             NamedBytes::new("weights", 4 * 8 * self.length()),
-        ]
+        ];
+        list.extend(self.given());
+        list
     }
 
     /// The rows with inflow, and what enters at each of so many `stages`.
@@ -269,24 +334,44 @@ impl<'a> FullestRank<'a> {
             // They are freed, but the allocator keeps their memory.
             list.push(NamedBytes::new("values at the start", 8 * self.cells));
         }
-        let chunks = chunk_bytes(case, self.mesh);
-        if chunks > 0 {
-            list.push(NamedBytes::new("chunks being written", chunks));
-        }
         list.extend(self.exact());
-        for (file, table) in case.table_values() {
-            // Copies of a case share the table.
-            list.push(NamedBytes::new(
-                format!("table of {}", file.of.key()),
-                8 * table.values().len() as u64,
-            ));
-        }
+        list.extend(self.given());
         if self.inflow_rows > 0 {
             list.push(self.inflow(bounds.stages as u64));
         }
         if bounds.stages > 0 {
             list.push(NamedBytes::new("field of the time steps", 8 * self.cells));
         }
+        list
+    }
+
+    /// What the case holds: its tables, and its regions of `V` if they are many.
+    fn given(&self) -> Vec<NamedBytes> {
+        const FEW: usize = 16;
+        let table = |file: &TableFile, table: &Table| {
+            NamedBytes::new(format!("table of {}", file.of.key()), 8 * table.values().len() as u64)
+        };
+        // Copies of a case share the table.
+        let tables = self.case.table_values().map(|(file, values)| table(file, values));
+        let mut list: Vec<NamedBytes> = tables.collect();
+        let regions = self.case.potential.len();
+        if regions > FEW {
+            list.push(NamedBytes::new("regions of V", REGION_BYTES * regions as u64));
+        }
+        list
+    }
+
+    /// Arrays that exist in addition to the results while they are written, when the system is
+    /// gone.
+    fn writing(&self) -> Vec<NamedBytes> {
+        let copies = 1 + u64::from(self.mesh.ranks() > 1);
+        let mut list = vec![
+            self.program(),
+            NamedBytes::new("values being written", 8 * copies * self.share()),
+            NamedBytes::new("chunks being written", chunk_bytes(self.case, self.mesh)),
+        ];
+        list.extend(self.exact());
+        list.extend(self.given());
         list
     }
 

@@ -81,13 +81,37 @@ fn compare(
     all.iter().try_for_each(differs)
 }
 
-/// The error that the file `name` of `directory` has another checksum than `summary.json` gives;
-/// `None` if it has not, if it cannot be read, or if there is no such checksum. By one process
-/// alone.
+/// The error that the file `name` of `directory` has another size or checksum than `summary.json`
+/// gives; `None` if it has not, if it cannot be read, or if there is no such checksum. By one
+/// process alone.
 pub(crate) fn damage(directory: &Path, name: &str) -> Option<Error> {
     let expected = of_summary(directory).ok()?.remove(name)?;
     let path = directory.join(name);
+    let bytes = std::fs::metadata(&path).ok()?.len();
+    if bytes != expected.bytes {
+        return Some(resized(&path, bytes, expected.bytes));
+    }
     (of_file_alone(&path).ok()? != expected).then(|| changed(&path))
+}
+
+/// Compares the files of `directory` that are there with their sizes, without reading them: a file
+/// may have grown to any size. By one process alone.
+///
+/// # Errors
+/// [`Error::Output`], which names a file that has another size, or `summary.json` if that is not as
+/// it was written.
+pub(crate) fn check_sizes(directory: &Path) -> Result<()> {
+    compare_sizes(directory, &of_summary(directory)?)
+}
+
+fn compare_sizes(directory: &Path, all: &FileChecksums) -> Result<()> {
+    all.iter().try_for_each(|(name, expected)| {
+        let path = directory.join(name);
+        match std::fs::metadata(&path).map(|found| found.len()) {
+            Ok(bytes) if bytes != expected.bytes => Err(resized(&path, bytes, expected.bytes)),
+            _ => Ok(()),
+        }
+    })
 }
 
 /// The error that a file has another checksum than when it was written.
@@ -95,11 +119,16 @@ fn changed(path: &Path) -> Error {
     failure(path, &"is not as it was written (its checksum differs)")
 }
 
-/// The checksums that `summary.json` lists, of files that are all there; empty if there is no such
-/// file, or if an older version wrote it.
+/// The error that a file has `bytes` bytes instead of `expected`.
+fn resized(path: &Path, bytes: u64, expected: u64) -> Error {
+    failure(path, &format!("is not as it was written ({bytes} bytes, {expected} were written)"))
+}
+
+/// The checksums that `summary.json` lists, of files that are all there and have their sizes; empty
+/// if there is no such file, or if an older version wrote it.
 fn of_all(directory: &Path) -> Result<FileChecksums> {
     let expected = of_summary(directory)?;
-    let sound = |name: &String| {
+    let there = |name: &String| {
         let path = directory.join(name);
         if name.contains('/') || !path.is_file() {
             Err(failure(&path, &"is missing"))
@@ -107,7 +136,9 @@ fn of_all(directory: &Path) -> Result<FileChecksums> {
             Ok(())
         }
     };
-    expected.keys().try_for_each(sound).map(|()| expected)
+    expected.keys().try_for_each(there)?;
+    compare_sizes(directory, &expected)?;
+    Ok(expected)
 }
 
 fn of_summary(directory: &Path) -> Result<FileChecksums> {

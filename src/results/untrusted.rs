@@ -353,6 +353,8 @@ pub fn open(directory: &Path) -> Result<StoredRun> {
             directory.display()
         )));
     }
+    disk::require_file(&path).map_err(|e| wrong(&e))?;
+    file_checksums::check_sizes(directory)?;
     let sums = inspect(directory, Inspection::Directory).map_err(|e| wrong(&e))?;
     if let Some((name, _)) = sums.iter().find(|(_, [found, expected])| found != expected) {
         return Err(failure(&path, &differs(name)));
@@ -381,6 +383,7 @@ pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<CheckedFil
     world.agree(disk::require_file(&path).map_err(|e| fail(&e)))?;
     // One rank lists the files, as ranks may see different states of the directory.
     let names = world.of_first_rank(|| {
+        file_checksums::check_sizes(directory)?;
         let entries = std::fs::read_dir(directory).into_iter().flatten();
         let all = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
         let warped = all.filter(|name| name.starts_with("warped_") && name.ends_with(".h5"));

@@ -155,26 +155,57 @@ fn hostile_results_are_refused() {
     });
 }
 
-/// Zeros among the texts of the file put the HDF5 library into an endless loop. Every command that
-/// reads them ends the attempt.
+/// A zero length among the texts of the file puts the HDF5 library into an endless loop. Every
+/// command that reads them ends the attempt.
 #[test]
 fn a_file_that_hdf5_never_finishes_reading_is_refused() {
     let place = copied();
     let path = place.path();
     let mut bytes = fs::read(path.join("result.h5")).expect("a file");
-    bytes[2284..2796].fill(0);
+    // Texts of any length are in a collection that begins with this mark and its size, 16 bytes in
+    // all. The number and the length of the first text follow.
+    let mark = bytes.windows(4).position(|word| word == b"GCOL").expect("texts");
+    bytes[mark + 16..mark + 32].fill(0);
     fs::write(path.join("result.h5"), bytes).expect("a file");
     fs::write(path.join("summary.json"), "{}").expect("a file");
     let other = directory();
     let continued = Job::new(["run", "--until", "0.31", "--continue"]);
     let from = path.display().to_string();
+    let (endless, foreign) = ("result.h5: reading it makes no progress", "not phasewarp's");
     let jobs = [
-        on_results("plot", path),
-        full().with(["--resume"]).into(path),
-        full().into(path),
-        continued.with([from]).into(other.path()),
+        (on_results("plot", path), endless),
+        (full().with(["--resume"]).into(path), foreign),
+        (full().into(path), foreign),
+        (continued.with([from]).into(other.path()), endless),
     ];
-    check_all(&jobs, |job| one_message(&job.run()?, &[1, 2], "result.h5"));
+    check_all(&jobs, |(job, wording)| one_message(&job.run()?, &[2], wording));
+}
+
+/// A file of the wrong size is not read: each command refuses it as soon as a small one, or
+/// computes the run anew.
+#[test]
+fn files_of_any_size_are_refused_without_reading_them() {
+    const BYTES: u64 = 60 << 30;
+    let names = [
+        "result.h5", "warped_f.h5", "fields.xdmf", "grids.h5", "readout.csv", "space.xdmf",
+        "summary.json",
+    ];
+    check_all(&names, |name| {
+        let place = copied();
+        let path = place.path();
+        let file = fs::File::options().write(true).open(path.join(name));
+        file.and_then(|file| file.set_len(BYTES)).map_err(|e| e.to_string())?;
+        let named = format!("{name}: ");
+        for command in ["check-result", "plot", "report"] {
+            let finished = on_results(command, path).run()?;
+            one_message(&finished, &[1], &named)?;
+            finished.contains(&finished.errors, &[&format!("{BYTES} bytes")])?;
+        }
+        let again = full().with(["--resume"]).into(path).succeed()?;
+        soon(&again)?;
+        again.contains(&again.errors, &["is damaged and is computed anew", &named])?;
+        on_results("check-result", path).succeed().map(drop)
+    });
 }
 
 /// A file with some changed words is refused, or drawn if they have no meaning, within the time

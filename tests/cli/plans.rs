@@ -603,3 +603,28 @@ fn check_reports_the_parts_of_the_norm_of_s() {
         require(right, &finished, || format!("{parts:?} of {norm}: {line}"))
     });
 }
+
+/// `check` and `plan` say at first that a step takes long, and nothing of short ones.
+#[test]
+fn slow_steps_are_announced() {
+    let fine = ["axis.0.x.cells=600000", "axis.0.v.cells=2"];
+    let points = ["solver.warp.points=1048580", "solver.warp.interval=[-6,6]"];
+    let coarse = ["axis.0.x.cells=8", "axis.0.v.cells=4", "solver.tolerance=1e-3"];
+    let evaluating = "1.200e6 cells, 6.000e5 of space: evaluating V and planning take about";
+    let modes = "solver.warp.points = 1048580: the work of each mode is planned, which may take";
+    let rows: [(&str, &[&str], Option<&str>); 5] = [
+        ("check", &fine, Some(evaluating)),
+        ("plan", &fine, Some(evaluating)),
+        ("check", &coarse, None),
+        ("plan", &coarse, None),
+        ("plan", &[&coarse[..], &points].concat(), Some(modes)),
+    ];
+    check_all(&rows, |(command, settings, announced)| {
+        let finished = of_case(command, "example1.toml").set(settings).succeed()?;
+        let found = finished.errors.lines().find(|line| line.contains("take"));
+        let is_first = finished.errors.starts_with(announced.unwrap_or_default());
+        require(announced.is_some() == found.is_some() && is_first, &finished, || {
+            format!("{announced:?} expected, found {found:?}")
+        })
+    });
+}

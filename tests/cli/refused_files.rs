@@ -276,6 +276,16 @@ const OUTPUT: &[Row] = &[
         "recovery_points = 2\nchunks = [8, 0]",
         &["output.chunks", "whole numbers above 0"],
     ),
+    (
+        "recovery_points = 2",
+        "recovery_points = 2\nchunks = [2, 2]\nfields_every = 0.1",
+        &["output.chunks", "chunks at 10 times with fields; at most 16384"],
+    ),
+    (
+        "recovery_points = 2",
+        "recovery_points = 2\nchunks = [1, 128]\nmoments_every = 0.005",
+        &["output.chunks", "chunks at 200 times with moments; at most 16384"],
+    ),
     ("recovery_points = 2", "recovery_points = 2\nxdmf = 1", &["output.xdmf", "true or false"]),
 ];
 

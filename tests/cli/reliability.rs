@@ -90,7 +90,8 @@ fn damage_is_named_beside_another_result() {
     };
     change_hdf5(&path.join("result.h5"), damage).expect("a changed file");
     let again = run().into(path).with(["--resume"]);
-    let printed = ["git 0123456", "it is damaged, too: ", "its checksum differs", "--force"];
+    let damaged = "result.h5: is not as it was written (";
+    let printed = ["git 0123456", "it is damaged, too: ", damaged, "were written)", "--force"];
     again.is_refused(&printed).unwrap();
 }
 
@@ -485,8 +486,8 @@ fn directories_in_the_place_of_files_are_named() {
     }
 }
 
-/// Directories of others in the place of checkpoints keep their files, and a link in the place of
-/// the directory of checkpoints is refused.
+/// Directories of others in the place of checkpoints keep their files, and so do those to which a
+/// link in such a place leads. A link in the place of the directory of checkpoints is refused.
 #[test]
 fn foreign_files_beside_checkpoints_stay() {
     let place = directory();
@@ -497,6 +498,24 @@ fn foreign_files_beside_checkpoints_stay() {
     let finished = run().into(&path).succeed().expect("a run");
     assert_eq!(fs::read(foreign.join("data")).expect("a file"), b"text");
     finished.contains(&finished.printed, &["warning", "checkpoint could not be removed"]).unwrap();
+    // Files with the names of a checkpoint's, behind a link to their directory.
+    let victim = place.path().join("victim");
+    fs::create_dir(&victim).expect("a directory");
+    for name in ["rank-00000.bin", "manifest.json"] {
+        fs::write(victim.join(name), b"text").expect("a file");
+    }
+    let kept = contents(&victim);
+    for (k, options) in [&[][..], &["--resume"]].into_iter().enumerate() {
+        let path = place.path().join(format!("linked {k}"));
+        let link = path.join("checkpoint/000123");
+        fs::create_dir_all(path.join("checkpoint")).expect("a directory");
+        std::os::unix::fs::symlink(&victim, &link).expect("a link");
+        let often = run().set(&[OFTEN]).with(options.iter().copied());
+        often.into(&path).succeed().expect("a run");
+        assert!(contents(&victim) == kept, "files of others are changed, {options:?}");
+        assert!(link.is_symlink(), "the link is gone, {options:?}");
+        assert_eq!(names_in(&path.join("checkpoint")), ["000123"], "{options:?}");
+    }
     let other = place.path().join("other");
     fs::create_dir(&other).expect("a directory");
     std::os::unix::fs::symlink(&foreign, other.join("checkpoint")).expect("a link");

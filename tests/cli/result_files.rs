@@ -218,9 +218,13 @@ fn check_result_names_damaged_datasets() {
     let mut bytes = whole.clone();
     bytes[title + 3] = b'A';
     found(&bytes, 1, "dataset /case");
-    found(&whole[..whole.len() / 2], 2, "truncated file");
+    let half = &whole[..whole.len() / 2];
+    found(half, 2, &format!("({} bytes, {} were written)", half.len(), whole.len()));
     found(&[], 1, "result.h5");
     found(b"no HDF5 at all", 1, "result.h5");
+    // No summary names the size.
+    std::fs::write(place.path().join("summary.json"), "{}").unwrap();
+    found(half, 2, "truncated file");
     std::fs::remove_file(&path).unwrap();
     look(2).is_refused(&["result.h5"]).unwrap();
     std::fs::create_dir(&path).unwrap();

@@ -7,6 +7,7 @@ use crate::support::{
 };
 use phasewarp::plan::Plan;
 use phasewarp::plan::layout::Resources;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The tolerances of all cases.
 pub const TOLERANCES: [&str; 4] = ["1e-3", "1e-6", "1e-9", "1e-11"];
@@ -364,6 +365,36 @@ fn many_stages_in_time_do_not_add_round_off() {
         summary
             .require((0.33..3.0).contains(&ratio), || format!("estimate {ratio} times the error"))
     });
+}
+
+/// With inflow that depends on time, nearly all estimates are called reliable, and those are right:
+/// two readings show the whole error, but for round-off and for the stages in time.
+#[test]
+fn estimates_with_inflow_in_time_are_mostly_reliable() {
+    const RELIABLE: usize = 22;
+    let pulses = ["exp(-((t - 0.3)/0.2)^2)", "0.5 + 0.5*cos(3*t)", "exp(-vx^2)*(1 + 0.2*sin(9*t))"];
+    let mut rows = Vec::new();
+    for pulse in pulses {
+        for end in ["0.1", "1"] {
+            rows.extend(["1e-3", "1e-5", "1e-7", "1e-9"].map(|tolerance| [pulse, end, tolerance]));
+        }
+    }
+    let reliable = AtomicUsize::new(0);
+    check_all(&rows, |[pulse, end, tolerance]| {
+        let grid = ["axis.0.x.cells=20", "axis.0.v.cells=14", "solver.verify=true"];
+        let summary = run("pulsed_inflow.toml")
+            .set(&grid)
+            .set(&[&format!("inflow.value='{pulse}'"), &format!("time.end={end}")])
+            .set(&[&format!("solver.tolerance={tolerance}")])
+            .summary()?;
+        tolerance_is_met(&summary)?;
+        estimate_is_right_or_silent(&summary, 3.0)?;
+        let is_reliable = summary.boolean("error_estimate_reliable")?;
+        reliable.fetch_add(usize::from(is_reliable), Ordering::Relaxed);
+        Ok(())
+    });
+    let reliable = reliable.into_inner();
+    assert!(reliable >= RELIABLE, "only {reliable} of {} estimates are reliable", rows.len());
 }
 
 /// Without transport, the rate and the spectrum are zero, and the field does not change.

@@ -8,6 +8,7 @@ mod names;
 mod plans;
 mod scheme;
 mod size;
+mod unsafe_blocks;
 
 #[path = "../support/fuzz.rs"]
 mod fuzzing;

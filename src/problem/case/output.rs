@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::problem::case::file::CaseFile;
 use crate::problem::case::reader::List;
-use crate::problem::grid::PhaseSpace;
+use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::limits::{CHUNK, LARGEST_RECOVERY, MOST_CHUNKS};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -231,11 +231,16 @@ impl OutputTable {
         Ok(Some(Plateau { from, to, points }))
     }
 
-    /// How the fields are stored.
-    pub fn storage(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Storage> {
+    /// How the fields are stored, which are written at `times` before the end.
+    pub fn storage(
+        &self,
+        file: &CaseFile<'_>,
+        space: &PhaseSpace,
+        times: &OutputTimes,
+    ) -> Result<Storage> {
         Ok(Storage {
             compression: self.compression(file)?,
-            chunks: self.chunks(file, space)?,
+            chunks: self.chunks(file, space, times)?,
             xdmf: self.xdmf.unwrap_or(true),
         })
     }
@@ -255,7 +260,12 @@ impl OutputTable {
         Ok(level)
     }
 
-    fn chunks(&self, file: &CaseFile<'_>, space: &PhaseSpace) -> Result<Option<Vec<usize>>> {
+    fn chunks(
+        &self,
+        file: &CaseFile<'_>,
+        space: &PhaseSpace,
+        times: &OutputTimes,
+    ) -> Result<Option<Vec<usize>>> {
         /// 1 GiB: HDF5 limits a chunk to 4 GiB, and every rank holds the chunks it writes.
         const MOST_IN_A_CHUNK: f64 = (1 << 30) as f64 / 8.0;
         let key = "output.chunks";
@@ -267,16 +277,28 @@ impl OutputTable {
         let chunks: Vec<usize> = chunks.iter().map(|&cells| cells as usize).collect();
         let cut = || chunks.iter().zip(space.axes());
         let size: f64 = cut().map(|(&c, a)| c.min(a.cells) as f64).product();
-        let count: f64 = cut().map(|(&c, a)| a.cells.div_ceil(c) as f64).product();
+        let in_chunks = |(&c, a): (&usize, &Axis)| a.cells.div_ceil(c) as f64;
         if size > MOST_IN_A_CHUNK {
             let message = format!(
                 "{size:e} cells in a chunk; at most {MOST_IN_A_CHUNK:e} (1 GiB) are written"
             );
             return file.refuse(key, message);
         }
-        if count > MOST_CHUNKS as f64 {
-            let message = format!("makes {count:.3e} chunks; at most {MOST_CHUNKS} are written");
-            return file.refuse(key, message);
+        // Each time has chunks of its own.
+        let all = || times.start.iter().chain(&times.between);
+        let with_fields = all().filter(|time| time.fields).count().max(1);
+        let fields = (with_fields, cut().map(in_chunks).product::<f64>(), "with fields");
+        let moments = cut().take(space.dimension()).map(in_chunks).product::<f64>();
+        for (times, each, what) in [fields, (all().count() + 1, moments, "with moments")] {
+            let count = each * times as f64;
+            if count > MOST_CHUNKS as f64 {
+                let of_times =
+                    if times > 1 { format!(" at {times} times {what}") } else { "".into() };
+                let message = format!(
+                    "makes {count:.3e} chunks{of_times}; at most {MOST_CHUNKS} are written"
+                );
+                return file.refuse(key, message);
+            }
         }
         Ok(Some(chunks))
     }

@@ -1,7 +1,7 @@
 //! The directory of checkpoints.
 
 use crate::base::checksum;
-use crate::base::disk::read_text;
+use crate::base::disk::text_of;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::Group;
 use crate::parallel::partition::{ProcessMesh, common_runs};
@@ -10,7 +10,7 @@ use crate::solve::checkpoint::file::{self, FileRecord, Header, RankFile, ReadDes
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
-use std::fs::{self, File};
+use std::fs::{self, File, FileType};
 use std::path::{Path, PathBuf};
 
 const MANIFEST: &str = "manifest.json";
@@ -116,7 +116,8 @@ impl Store {
         let found = generations(&directory);
         Self {
             newest: found.iter().copied().find(|&g| complete(&directory, g)),
-            next: found.first().map_or(1, |newest| newest + 1),
+            // No generation takes the name of anything that is there.
+            next: numbers(&directory).map(|(number, _)| number + 1).max().unwrap_or(1),
             directory,
             fingerprint,
             space,
@@ -200,9 +201,10 @@ impl Store {
     ) -> Result<usize> {
         let rank = world.rank();
         let failed = |e: std::io::Error| failure(directory, &e);
-        world.agree(match rank {
-            0 => fs::create_dir_all(directory).map_err(failed),
-            _ => Ok(()),
+        world.on_first_rank(|| {
+            let made = fs::create_dir_all(&self.directory);
+            // A link in its place would not be followed.
+            made.and_then(|()| fs::create_dir(directory)).map_err(failed)
         })?;
         let header = self.header(mesh, rank, number, snapshot);
         let path = rank_file(directory, rank);
@@ -274,18 +276,15 @@ impl Store {
         found = serde_json::from_str(&text).unwrap_or_default();
         let (mut refused, mut damaged) = (0, 0);
         for number in found {
-            let path = generation(&self.directory, number);
-            let text = match world.rank() {
-                0 => read_text(&path.join(MANIFEST)).unwrap_or_default(),
-                _ => String::new(),
-            };
-            let text = world.broadcast_text(&text);
-            let shown = path.display();
-            if text.is_empty() {
+            let text = world.on_first_rank(|| self.manifest_text(number));
+            let text = text.map(|text| world.broadcast_text(&text));
+            if text.as_ref().is_ok_and(String::is_empty) {
+                let path = generation(&self.directory, number);
+                let shown = path.display();
                 say(format!("checkpoint {shown} is not complete: its writing was interrupted"));
                 continue;
             }
-            match self.checked(world, number, &text) {
+            match text.and_then(|text| self.checked(world, number, &text)) {
                 Ok(generation) => {
                     self.newest = Some(number);
                     return Ok(Some(generation));
@@ -306,6 +305,15 @@ impl Store {
             0 => Err(Error::AnotherRun { path: self.directory.clone(), reason }),
             _ => Err(failure(&self.directory, &reason)),
         }
+    }
+
+    /// The text of a generation's manifest; empty if there is no such file.
+    fn manifest_text(&self, number: u64) -> Result<String> {
+        if !complete(&self.directory, number) {
+            return Ok(String::new());
+        }
+        let path = generation(&self.directory, number).join(MANIFEST);
+        text_of(&path).map_err(|e| failure(&path, &e))
     }
 
     /// A generation with this manifest, if it is valid. Collective.
@@ -406,15 +414,23 @@ fn generation(directory: &Path, number: u64) -> PathBuf {
     directory.join(format!("{number:06}"))
 }
 
-/// Numbers of the generations in `directory`, newest first.
+/// Numbers of the generations in `directory`, newest first. A link to a directory is none, as what
+/// it leads to is not this program's.
 fn generations(directory: &Path) -> Vec<u64> {
+    let own = numbers(directory).filter(|(_, kind)| kind.is_some_and(|kind| kind.is_dir()));
+    let mut found: Vec<u64> = own.map(|(number, _)| number).collect();
+    found.sort_unstable_by_key(|&n| std::cmp::Reverse(n));
+    found
+}
+
+/// The numbers of all entries of `directory` with the name of a generation, and what they are
+/// themselves, links not followed.
+fn numbers(directory: &Path) -> impl Iterator<Item = (u64, Option<FileType>)> {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     // A next number must be left.
     let is_number = |n: &u64, name: &str| *n < u64::MAX && format!("{n:06}") == name;
-    let number = |name: &str| name.parse().ok().filter(|n| is_number(n, name));
-    let mut found: Vec<u64> = entries.filter_map(|e| number(e.file_name().to_str()?)).collect();
-    found.sort_unstable_by_key(|&n| std::cmp::Reverse(n));
-    found
+    let number = move |name: &str| name.parse().ok().filter(|n| is_number(n, name));
+    entries.filter_map(move |e| Some((number(e.file_name().to_str()?)?, e.file_type().ok())))
 }
 
 /// The directory of the checkpoints of a run whose results are in `results`.
@@ -449,8 +465,11 @@ fn complete(directory: &Path, number: u64) -> bool {
 }
 
 /// Removes the files of a generation, the manifest first, as half of one does not count, and then
-/// its directory, which stays if it holds anything else.
+/// its directory, which stays if it holds anything else. A link is not followed.
 fn remove(directory: &Path) -> std::io::Result<()> {
+    if !fs::symlink_metadata(directory)?.is_dir() {
+        return Err(std::io::Error::other("is no directory"));
+    }
     let _ = fs::remove_file(directory.join(MANIFEST));
     for entry in fs::read_dir(directory)? {
         let path = entry?.path();

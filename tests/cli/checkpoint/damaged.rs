@@ -16,7 +16,7 @@ use std::sync::LazyLock;
 /// ranks, and a part of the message about it.
 type Damage = (&'static str, fn(&Path, &Path) -> std::io::Result<()>, &'static str);
 
-const DAMAGES: [Damage; 9] = [
+const DAMAGES: [Damage; 10] = [
     (
         "truncated",
         |newest, _| {
@@ -81,6 +81,14 @@ const DAMAGES: [Damage; 9] = [
             fs::write(path, text.replacen("\"stage\": 0", "\"stage\": 1", 1))
         },
         "not as it was written",
+    ),
+    (
+        "a manifest of 3 GB",
+        |newest, _| {
+            let file = fs::File::options().write(true).open(newest.join("manifest.json"))?;
+            file.set_len(3 << 30)
+        },
+        "manifest.json: 3221225472 bytes; at most 67108864 are read",
     ),
 ];
 
