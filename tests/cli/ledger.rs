@@ -484,6 +484,41 @@ fn measure_valued_data_have_a_ledger() {
     }
 }
 
+/// The mass of measure-valued data that is gone without having left gives a warning with a remedy,
+/// also where several axes are periodic. Where the density keeps its mass there is none.
+#[test]
+fn mass_that_measure_valued_data_lose_gives_a_warning() {
+    const SLAB: &str = r#"
+        time.end = 0.6
+        solver.tolerance = 1e-4
+        potential = [{ where = "x > 0.1 && x < 0.3", value = 0.15 }, { value = 0 }]
+        [initial]
+        density = "exp(-((x + 0.2)/0.15)^2)*(1 + 0.4*cos(2*pi*(y - 1)/0.8))"
+        velocity = ["0.8", "0.2"]
+        [[axis]]
+        x = { lower = -0.6, upper = 0.6, cells = 24 }
+        v = { lower = 0.2, upper = 1.2, cells = 20 }
+        [[axis]]
+        x = { lower = 1, upper = 1.8, cells = 8, boundary = "periodic" }
+        v = { lower = -0.2, upper = 0.6, cells = 8 }
+    "#;
+    let place = directory();
+    let file = written(place.path(), SLAB).unwrap();
+    let flat: &[&str] = &["potential=[{value=0}]", "initial.velocity=['0.7','0.2']"];
+    check_all(&[(&[][..], true), (flat, false)], |(settings, lost)| {
+        let results = directory();
+        let summary = Job::new(["run", &file]).set(settings).solve(results.path())?;
+        let mass = |key: &str| number(&summary, "mass", key);
+        let gone = mass("initial")? + mass("entered_estimate")? - mass("left_estimate")?;
+        let share = (gone - mass("end")?) / mass("absolute")?;
+        let found = summary.warnings();
+        summary
+            .require((share > 0.04) == *lost && share > -0.02, || format!("{share}: {found}"))?;
+        let words = ["is gone that should still be in the box", "more cells or a higher"];
+        summary.require(words.iter().all(|words| found.contains(words) == *lost), || found)
+    });
+}
+
 /// Constants have the effect of their numbers. Mistakes in them are reported with key and value.
 #[test]
 fn constants_have_the_effect_of_their_numbers() {
