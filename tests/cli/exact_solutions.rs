@@ -537,5 +537,5 @@ fn densities_of_formulas_are_known_well() {
     // A disc of velocities.
     let disc = ["initial.f=1 if vx^2 + vy^2 < 1.3 else 0", "exact.f=1 if vx^2 + vy^2 < 1.3 else 0"];
     let [error, estimate] = known(&disc, 1.3 * std::f64::consts::PI);
-    assert!(error < estimate && estimate < 0.05, "{estimate} estimated, {error}");
+    assert!(error < 3.0 * estimate && estimate < 0.01, "{estimate} estimated, {error}");
 }

@@ -73,8 +73,8 @@ fn explicit_steps_fail_where_theory_predicts() {
 }
 
 /// Where nothing is exceeded, nothing explodes; up to there no pattern that the curves show grows,
-/// and beyond it does: on cells of degree 0 after a few per cent, on elements, whose unstable waves
-/// show late, in 200 steps after 15 %. By the spectral radius the border of the first case is 4.50,
+/// and beyond it does by forward Euler: on cells of degree 0 after a few per cent, on elements, whose
+/// unstable waves show late, in 200 steps after 15 %. By the spectral radius the border of the first case is 4.50,
 /// and its norms grow by 1e8 at 4.574.
 #[test]
 fn no_pattern_grows_where_its_largest_value_or_norm_is_kept() {
@@ -113,7 +113,9 @@ fn no_pattern_grows_where_its_largest_value_or_norm_is_kept() {
             for p in points.iter().flatten() {
                 let [x, growth] = ["x", "measured"].map(|key| p[key].as_f64().unwrap_or(f64::NAN));
                 expect(x > kept || growth <= 1.0 + 1e-12, || format!("{}: {p}", size()))?;
-                expect(x < beyond * kept || kept == 0.0 || growth > 1.0, || {
+                // The curve is of the first pattern, and that of SSP-RK3 may grow from the second.
+                let is_euler = method == "forward Euler" && kept > 0.0;
+                expect(!is_euler || x < beyond * kept || growth > 1.0, || {
                     format!("{}: {p}", size())
                 })?;
             }
