@@ -322,8 +322,9 @@ fn unbalanced_mass_is_reported() {
         let method: &[&str] = if unitary { &[] } else { &[CLASSICAL] };
         let summary = run(name).set(method).set(&["exact={}"]).summary()?;
         // The coarse grids of these cases smear 4 to 5 % of the mass over the ends of the box.
-        let smeared = ["barrier2d.toml", "step3d.toml"].contains(&name.as_str());
-        summary.require(off(&summary) == [smeared, false], || summary.warnings())
+        // In example 2 beams converge: the discrete delta function has 7.54 of a mass of 7.24.
+        let is_off = ["barrier2d.toml", "step3d.toml", "example2.toml"].contains(&name.as_str());
+        summary.require(off(&summary) == [is_off, false], || summary.warnings())
     });
     let bump: &[&str] = &["potential.1.value=0.4*exp(-((x - 0.3)/0.02)^2)", "scheme.degree=3"];
     let bump = [bump, &["axis.0.x.cells=12", "axis.0.v.cells=20", CLASSICAL]].concat();
