@@ -832,8 +832,8 @@ fn estimates_see_the_law_at_a_jump() {
     });
 }
 
-/// Uniform data with their inflow stay uniform at a jump with the hat interface: neither the scatter
-/// of the particles there nor the error of the algorithm counts as error of the grid.
+/// Uniform data with their inflow stay uniform at a jump with the hat interface: neither the
+/// scatter of particles there nor the error of the algorithm counts as error of the grid.
 #[test]
 fn uniform_data_are_resolved() {
     const UNIFORM: &str = r#"

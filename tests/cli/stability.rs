@@ -73,9 +73,9 @@ fn explicit_steps_fail_where_theory_predicts() {
 }
 
 /// Where nothing is exceeded, nothing explodes; up to there no pattern that the curves show grows,
-/// and beyond it does by forward Euler: on cells of degree 0 after a few per cent, on elements, whose
-/// unstable waves show late, in 200 steps after 15 %. By the spectral radius the border of the first case is 4.50,
-/// and its norms grow by 1e8 at 4.574.
+/// and beyond it does by forward Euler: on cells of degree 0 after a few per cent; on elements,
+/// whose unstable waves show late, in 200 steps after 15 %. By the spectral radius the border of
+/// the first case is 4.50, and its norms grow by 1e8 at 4.574.
 #[test]
 fn no_pattern_grows_where_its_largest_value_or_norm_is_kept() {
     let grid = |x: usize, v: usize, degree: usize| {
