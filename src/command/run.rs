@@ -120,7 +120,13 @@ fn goal_line(goal: Option<f64>, summary: &Summary) -> Option<String> {
     let found = match (summary.accuracy.goal_error, summary.accuracy.goal_estimate) {
         (Some(error), _) => format!("reached, {error:.1e}"),
         (None, Some(estimate)) => {
-            format!("{estimate:.1e} by the trial runs; not measured, as there is no [exact]")
+            let rougher = match summary.accuracy.grid_density {
+                Some(_) => "; the estimate of this run alone, in the last line, is the rougher one",
+                None => "",
+            };
+            format!(
+                "{estimate:.1e} by the trial runs; not measured, as there is no [exact]{rougher}"
+            )
         }
         (None, None) => "not measured, as there is no [exact]".to_owned(),
     };

@@ -34,13 +34,19 @@ pub struct EstimatedErrors {
     /// That of the density as its own coefficients show it, with elements. The error of `f` may
     /// be smeared out there, so that `grid` counts more.
     pub density_shown: Option<f64>,
+    /// Where the law at jumps of `V` interpolates between velocities: the largest error of that,
+    /// relative to `f` in L2.
+    pub interpolation: Option<f64>,
 }
 
 impl EstimatedErrors {
     /// These errors, but at least `share` where they are known: the part of all mass that the law
     /// at jumps of `V` adds or takes. It is about the error where `f` hardly varies along paths, so
-    /// that these estimates see nothing, and may be too large after that mass has left.
+    /// that these estimates see nothing, and may be too large after that mass has left. Particles
+    /// show it with a scatter that does not depend on `f`: what interpolation cannot be wrong by is
+    /// scatter.
     pub fn at_least(self, share: f64) -> Self {
+        let share = self.interpolation.map_or(share, |most| share.min(most));
         let GridErrorPair { field, density } = self.grid;
         let [field, density] = [field, density].map(|known| known.map(|error| error.max(share)));
         Self { grid: GridErrorPair { field, density }, ..self }
@@ -353,13 +359,18 @@ impl Accuracy {
         let may_have_slopes = is_classical && case.has_upwind_cells() && !case.varies();
         let key = case.degree_keys(degree);
         let needs = if allows_elements(case) { "" } else { WITH_REST_ON_A_FACE };
-        let article = if key.starts_with("axis") { "an" } else { "a" };
+        let article = match key.as_str() {
+            // Several keys.
+            keys if keys.contains(" and ") => "",
+            key if key.starts_with("axis") => "an ",
+            _ => "a ",
+        };
         let or = match degree {
             0 if case.limiter != Limiter::None => String::new(),
             0 if may_have_slopes => {
-                format!(", {article} {key} above 0{needs} or slopes (scheme.limiter)")
+                format!(", {article}{key} above 0{needs} or slopes (scheme.limiter)")
             }
-            0 => format!(" or {article} {key} above 0{needs}"),
+            0 => format!(" or {article}{key} above 0{needs}"),
             1 | 2 => format!(" or a higher {key}"),
             LARGEST_DEGREE.. => String::new(),
             // Where data jump, degrees above 3 gain little.

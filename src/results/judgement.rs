@@ -193,7 +193,7 @@ mod tests {
             let accuracy = Accuracy { particles, goal_error: measured, ..Accuracy::default() };
             let mut summary = Summary { accuracy, ..Summary::default() };
             let grid = GridErrorPair { field: Some(1e-3), density: Some(1e-3) };
-            summary.judge(&case, EstimatedErrors { grid, density_shown: None });
+            summary.judge(&case, EstimatedErrors { grid, ..EstimatedErrors::default() });
             (summary.missed.accuracy, summary.accuracy.under_resolved)
         };
         let (missed, under_resolved) = judged(0.2, None);

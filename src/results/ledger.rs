@@ -31,6 +31,10 @@ pub struct Ledger {
     /// them where `V` jumps.
     #[serde(default)]
     pub rest_in_cell: bool,
+    /// Whether the data are measure-valued: their density is read off `phi` and `psi`, and nothing
+    /// keeps its mass.
+    #[serde(default)]
+    pub measure_valued: bool,
     /// Whether no axis of space has ends: what leaves then leaves the velocity box.
     #[serde(default)]
     pub closed_space: bool,
@@ -81,6 +85,9 @@ pub struct Mass {
     pub left_error: Option<f64>,
     /// Estimate of the mass that the `hat` interface adds; 0 for laws that conserve mass.
     pub interface_estimate: Option<f64>,
+    /// Standard error of that estimate.
+    #[serde(default)]
+    pub interface_error: Option<f64>,
     /// Number of particles that were followed for the estimates.
     pub particles: usize,
 }

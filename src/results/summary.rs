@@ -322,14 +322,20 @@ impl Summary {
         })
     }
 
-    /// A warning if the exact density is not known well enough to measure the run's error.
-    pub fn exact_density_warning(&self) -> Option<String> {
+    /// A warning if the exact density is not known well enough to measure the run's error;
+    /// `by_formula` says whether the exact solution is `exact.f`.
+    pub fn exact_density_warning(&self, by_formula: bool) -> Option<String> {
         let (own, error) = (self.exact_density_error?, self.error_density_l1_relative?);
+        let why = if by_formula {
+            "exact.f jumps or varies too fast along the velocities to be integrated better"
+        } else {
+            "the exact f varies too fast along the velocities to be integrated, as in filaments \
+             behind jumps of V"
+        };
         (own > LARGEST_EXACT_ERROR * error).then(|| {
             format!(
                 "the exact density is known to {own:.0e} only (relative L1, estimated), and the \
-                 density's error of {error:.1e} is measured against it: the exact f varies too \
-                 fast along the velocities to be integrated, as in filaments behind jumps of V"
+                 density's error of {error:.1e} is measured against it: {why}"
             )
         })
     }

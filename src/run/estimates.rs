@@ -26,6 +26,7 @@ use crate::problem::case::Case;
 use crate::problem::grid::{Cell, PhaseSpace};
 use crate::propagate::limiter::half_difference;
 use crate::results::accuracy::{EstimatedErrors, GridErrorPair};
+use crate::scheme::interface::law_of;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 
@@ -68,7 +69,32 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
     let known = |error: f64| Some(error).filter(|e| !e.is_nan()).map(|e| e.min(1.0));
     let [field, density] = found.map(known);
     let grid = GridErrorPair { field, density };
-    Ok(EstimatedErrors { grid, density_shown: known(density_shown) })
+    let interpolates = !with_elements && law_of(prepared.case.interface).may_grow();
+    let interpolation = interpolates.then(|| interpolation_error(prepared, f));
+    Ok(EstimatedErrors { grid, density_shown: known(density_shown), interpolation })
+}
+
+/// A bound on the relative L2 error of linear interpolation of `f` between the velocities, by its
+/// second differences: `‖δ² f‖/8 / ‖f‖`, summed over the axes along which `V` may jump. Data that
+/// are constant or linear in `v` have none, so that the law at jumps is exact for them. Collective.
+fn interpolation_error(prepared: &Prepared, f: &[f64]) -> f64 {
+    let (world, space) = (&prepared.communicator.world, &prepared.case.space);
+    let volumes = CellVolumes::new(space, &prepared.rank_cells.share);
+    let velocities: usize = space.v.iter().map(|axis| axis.cells).product();
+    // The last axis is the fastest.
+    let strides = (0..space.v.len()).map(|a| space.v[a + 1..].iter().map(|axis| axis.cells));
+    let strides: Vec<usize> = strides.map(Iterator::product).collect();
+    let [errors, squares] = volumes.sums(world, |i| {
+        let along = space.v.iter().zip(&strides).map(|(axis, stride)| {
+            let j = i % velocities / stride % axis.cells;
+            if j == 0 || j + 1 == axis.cells {
+                return 0.0;
+            }
+            (f[i - stride] - 2.0 * f[i] + f[i + stride]).abs() / 8.0
+        });
+        [along.sum::<f64>().powi(2), f[i] * f[i]]
+    });
+    (errors / squares).sqrt()
 }
 
 /// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same for the integrals over the velocities.

@@ -84,6 +84,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     let ledger = &mut found.ledger;
     ledger.degree_keys = case.degree_keys(case.space.lowest_degree());
     ledger.rest_in_cell = !allows_elements(case);
+    ledger.measure_valued = case.is_measure_valued();
     ledger.closed_space = (0..case.space.dimension()).all(|axis| case.space.is_periodic(axis));
     if case.space.space_cells() > MOST_EXAMINED {
         ledger.omitted.push(format!(
@@ -206,7 +207,12 @@ impl SourceEstimates {
     /// Standard error of all mass that leaves. That of a source is the scatter of its sum over the
     /// ends, as a particle that leaves through one end does not leave through another.
     fn error_of_outflow(&self) -> f64 {
-        self.all().map(|found| found.error.left * found.error.left).sum::<f64>().sqrt()
+        self.error(|tally| tally.left)
+    }
+
+    /// Standard error of the sum of a number of the tally over all sources.
+    fn error(&self, of: impl Fn(&ParticleTally) -> f64) -> f64 {
+        self.all().map(|found| of(&found.error).powi(2)).sum::<f64>().sqrt()
     }
 }
 
@@ -281,6 +287,7 @@ fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
         ledger.omitted.push(why.into());
     } else {
         mass.interface_estimate = Some(sources.sum(|tally| tally.interface));
+        mass.interface_error = Some(sources.error(|tally| tally.interface));
     }
     mass.left_estimate = Some(left);
     mass.left_error = Some(sources.error_of_outflow());

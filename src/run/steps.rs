@@ -6,7 +6,7 @@ use crate::matrix::observables::{CellVolumes, Moments, Totals};
 use crate::parallel::communicator::{Group, World};
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Exact};
 use crate::results::accuracy::{EstimatedErrors, ParticleErrors, is_large};
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::ledger::Ledger;
@@ -324,7 +324,8 @@ impl<'a> Driver<'a> {
         };
         self.compare_with_particles(world, &start.arrivals, &result, &exact);
         self.log.warn_later(self.summary.exact_field_warning());
-        self.log.warn_later(self.summary.exact_density_warning());
+        let by_formula = matches!(case.exact, Some(Exact::Formula(_)));
+        self.log.warn_later(self.summary.exact_density_warning(by_formula));
         self.log.watch.part("exact", results.exact_seconds);
         self.log.watch.lap("observables");
         if case.readout.is_some() {

@@ -319,7 +319,14 @@ fn advice_matches_the_shortcomings_of_the_run() {
         ("or a higher scheme.degree", "or a higher scheme.degree where f does not jump");
     let mixed = ["axis.0.x.degree=2", "axis.0.v.degree=0"];
     let both = ["axis.0.x.degree=1", "axis.0.v.degree=1"];
-    let rows: [AdviceRow<'_>; 9] = [
+    let one = ["axis.0.x.degree=0", "axis.0.v.degree=0"];
+    let rows: [AdviceRow<'_>; 10] = [
+        (
+            "example1.toml",
+            one.to_vec(),
+            &["or axis.0.x.degree and axis.0.v.degree above 0 would"],
+            &["scheme.degree", "an axis"],
+        ),
         (
             "example1.toml",
             both.to_vec(),
@@ -823,6 +830,33 @@ fn estimates_see_the_law_at_a_jump() {
         }
         Ok(())
     });
+}
+
+/// Uniform data with their inflow stay uniform at a jump with the hat interface: neither the
+/// scatter of particles there nor the error of the algorithm counts as error of the grid.
+#[test]
+fn uniform_data_are_resolved() {
+    const UNIFORM: &str = r#"
+        initial.f = "1"
+        inflow.value = "1"
+        time.end = 1
+        scheme.interface = "hat"
+        solver.tolerance = 1e-4
+        potential = [{ where = "x < 0", value = 0 }, { value = 0.5 }]
+        [[axis]]
+        x = { lower = -1, upper = 1, cells = 20 }
+        v = { lower = -1.2, upper = 1.2, cells = 20 }
+    "#;
+    let place = directory();
+    let file = written(place.path(), UNIFORM).unwrap();
+    for modes in ["solver.method=schrodingerized", CLASSICAL] {
+        let job = Job::new(["run", &file]).set(&[modes]);
+        let summary = job.solve(&place.path().join(modes.replace('.', "-"))).unwrap();
+        let density = accuracy(&summary.value, "grid_density").unwrap();
+        assert!(density < 1e-4, "{density}: {}", summary.command);
+        let resolved = summary.value["accuracy"]["under_resolved"] == false;
+        assert!(resolved, "{}", summary.command);
+    }
 }
 
 /// The same with degree 0: the density was smeared out with `f`, and its transport shows little.

@@ -322,8 +322,9 @@ fn unbalanced_mass_is_reported() {
         let method: &[&str] = if unitary { &[] } else { &[CLASSICAL] };
         let summary = run(name).set(method).set(&["exact={}"]).summary()?;
         // The coarse grids of these cases smear 4 to 5 % of the mass over the ends of the box.
-        let smeared = ["barrier2d.toml", "step3d.toml"].contains(&name.as_str());
-        summary.require(off(&summary) == [smeared, false], || summary.warnings())
+        // In example 2 beams converge: the discrete delta function has 7.54 of a mass of 7.24.
+        let is_off = ["barrier2d.toml", "step3d.toml", "example2.toml"].contains(&name.as_str());
+        summary.require(off(&summary) == [is_off, false], || summary.warnings())
     });
     let bump: &[&str] = &["potential.1.value=0.4*exp(-((x - 0.3)/0.02)^2)", "scheme.degree=3"];
     let bump = [bump, &["axis.0.x.cells=12", "axis.0.v.cells=20", CLASSICAL]].concat();
@@ -482,6 +483,42 @@ fn measure_valued_data_have_a_ledger() {
     for why in ["not linear in the fields", "changes phi and psi"] {
         assert!(printed.contains(why), "{printed}");
     }
+}
+
+/// The mass of measure-valued data that is gone without having left gives a warning with a remedy.
+/// Where the density nearly keeps its mass there is none.
+#[test]
+fn mass_that_measure_valued_data_lose_gives_a_warning() {
+    const SLAB: &str = r#"
+        time.end = 0.6
+        solver.tolerance = 1e-4
+        potential = [{ where = "x > 0.1 && x < 0.3", value = 0.15 }, { value = 0 }]
+        [initial]
+        density = "exp(-((x + 0.2)/0.15)^2)*(1 + 0.4*cos(2*pi*(y - 1)/0.8))"
+        velocity = ["0.8", "0.2"]
+        [[axis]]
+        x = { lower = -0.6, upper = 0.6, cells = 24 }
+        v = { lower = 0.2, upper = 1.2, cells = 20 }
+        [[axis]]
+        x = { lower = 1, upper = 1.8, cells = 8, boundary = "periodic" }
+        v = { lower = -0.2, upper = 0.6, cells = 8 }
+    "#;
+    let place = directory();
+    let file = written(place.path(), SLAB).unwrap();
+    let velocity = "initial.velocity=['0.7','0.2']";
+    let flat: &[&str] = &["potential=[{value=0}]", velocity, "axis.0.x.cells=48"];
+    check_all(&[(&[][..], true), (flat, false)], |(settings, lost)| {
+        let results = directory();
+        let summary = Job::new(["run", &file]).set(settings).solve(results.path())?;
+        let mass = |key: &str| number(&summary, "mass", key);
+        let gone = mass("initial")? + mass("entered_estimate")? - mass("left_estimate")?;
+        let share = (gone - mass("end")?) / mass("absolute")?;
+        let found = summary.warnings();
+        summary
+            .require((share > 0.04) == *lost && share > -0.02, || format!("{share}: {found}"))?;
+        let words = ["is gone that should still be in the box", "more cells or a higher"];
+        summary.require(words.iter().all(|words| found.contains(words) == *lost), || found)
+    });
 }
 
 /// Constants have the effect of their numbers. Mistakes in them are reported with key and value.

@@ -13,7 +13,8 @@ impl Case {
     }
 
     /// The keys that give this `degree` to axes of more than one cell, for messages:
-    /// `axis.0.x.degree and scheme.degree`. [`DEGREE_KEY`] if no axis has this degree.
+    /// `axis.0.x.degree, axis.0.v.degree and scheme.degree`. [`DEGREE_KEY`] if no axis has this
+    /// degree.
     pub fn degree_keys(&self, degree: usize) -> String {
         let axes = self.space.axes().enumerate();
         let of_degree = axes.filter(|(_, axis)| axis.cells > 1 && axis.nodes.degree == degree);
@@ -23,6 +24,7 @@ impl Case {
                 keys.push(key);
             }
         }
-        if keys.is_empty() { DEGREE_KEY.to_owned() } else { keys.join(" and ") }
+        let Some(last) = keys.pop() else { return DEGREE_KEY.to_owned() };
+        if keys.is_empty() { last } else { format!("{} and {last}", keys.join(", ")) }
     }
 }

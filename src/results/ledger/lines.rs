@@ -59,7 +59,9 @@ impl Ledger {
 
     fn interface_line(&self) -> Option<String> {
         let gain = self.mass.interface_estimate.filter(|gain| *gain != 0.0)?;
-        Some(format!("hat interface adds, estimated: {}", self.with_share(gain)))
+        let scatter = self.mass.interface_error.map(|error| format!(" +- {}", short(error)));
+        let scatter = scatter.unwrap_or_default();
+        Some(format!("hat interface adds, estimated: {}{scatter}", self.with_share(gain)))
     }
 
     fn energy_line(&self) -> Option<String> {

@@ -93,6 +93,52 @@ fn warnings_begin_at_one_percent() {
     assert!(uncertain.warnings().is_empty());
 }
 
+/// The mass of measure-valued data is that at the start, with what particles bring in and less what
+/// they take along; nothing comes or goes where they are not known and space has no ends.
+#[test]
+fn the_mass_of_measure_valued_data_adds_up() {
+    let open = |end| {
+        let mut ledger = sound();
+        ledger.measure_valued = true;
+        let mass = &mut ledger.mass;
+        (mass.lost, mass.interface_estimate, mass.end) = (None, None, Some(end));
+        (mass.entered_estimate, mass.entered_error) = (Some(0.2), Some(1e-3));
+        ledger
+    };
+    let closed = |end| {
+        let mut ledger = Ledger { closed_space: true, ..open(end) };
+        (ledger.mass.left_estimate, ledger.mass.entered_estimate) = (None, None);
+        ledger
+    };
+    for (ledger, words) in [
+        (open(0.69), ""),
+        (open(0.6), "4.50 % of it is gone that should still be in the box"),
+        (open(0.8), "5.50 % of it is in the box that should have left"),
+        (closed(1.98), ""),
+        (closed(1.9), "5.05 % of it is gone at the end, and space has no ends"),
+        (closed(2.1), "4.95 % of it is new at the end"),
+        // What left through ends in space is not known.
+        (Ledger { closed_space: false, ..closed(1.0) }, ""),
+    ] {
+        let found = ledger.doubts();
+        assert_eq!(found.len(), usize::from(!words.is_empty()), "{words}: {found:?}");
+        for warning in found {
+            for words in [words, "read off phi and psi", "more cells or a higher scheme.degree"] {
+                assert!(warning.contains(words), "{words}: {warning}");
+            }
+        }
+    }
+}
+
+/// What the interface adds is printed with its scatter.
+#[test]
+fn the_scatter_of_what_the_interface_adds_is_printed() {
+    let mut ledger = sound();
+    ledger.mass.interface_error = Some(3e-3);
+    let lines = ledger.lines().join("\n");
+    assert!(lines.contains("estimated: -0.01 (-0.50 %) +- 0.003"), "{lines}");
+}
+
 /// Walls and narrow regions give warnings that put neither mass nor energy in doubt.
 #[test]
 fn potentials_that_may_be_meant_are_no_doubts() {

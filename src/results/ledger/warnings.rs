@@ -9,6 +9,9 @@ const NOTICEABLE: f64 = 0.01;
 /// Larger parts of the mass that vanish or enter unexplained give a warning; smaller ones are due
 /// to the dissipation of a coarse grid near an end.
 const UNBALANCED: f64 = 0.02;
+/// Why the mass of measure-valued data may change.
+const OF_MEASURES: &str = "the density is read off phi and psi, which does not keep the mass where \
+                           the grid does not resolve them";
 /// A grid that holds less than this part of the mass of the data lacks most of them.
 const LEAST_PART: f64 = 0.5;
 /// Least number of cells across a region of `V` that is resolved. For a degree above 0 one element
@@ -109,9 +112,10 @@ impl Ledger {
 
     /// Warning of mass that is lost or gained, but that no particle carries over an end of the box.
     fn unexplained_warning(&self) -> Option<String> {
-        let (lost, left) = (self.mass.lost?, self.mass.left_estimate?);
+        let (lost, left) = (self.lost_with_error()?, self.mass.left_estimate?);
+        let ([lost, of_lost], of_left) = (lost, self.mass.left_error.unwrap_or(0.0));
         let unexplained = lost - (left - self.mass.interface_estimate.unwrap_or(0.0));
-        let share = self.unbalanced(unexplained, self.mass.left_error)?;
+        let share = self.unbalanced(unexplained, Some(of_lost.hypot(of_left)))?;
         if !self.holds_data() {
             return None;
         }
@@ -120,6 +124,33 @@ impl Ledger {
         } else {
             "is in the box that should have left, or should not have entered"
         };
+        Some(format!(
+            "mass: {} of it {gone_or_gained}, by the particles of the exact flow: {} or a higher \
+             {}{}",
+            percent(share.abs()),
+            self.reason_and_cells(),
+            self.degree_keys,
+            self.after_degree()
+        ))
+    }
+
+    /// The mass that is lost, and the standard error of it. What enters measure-valued data is not
+    /// measured: it is that of the particles, and nothing where they are not known and space has no
+    /// ends.
+    fn lost_with_error(&self) -> Option<[f64; 2]> {
+        let mass = &self.mass;
+        if !self.measure_valued {
+            return Some([mass.lost?, 0.0]);
+        }
+        let entered = mass.entered_estimate.or(self.closed_space.then_some(0.0))?;
+        Some([mass.initial? + entered - mass.end?, mass.entered_error.unwrap_or(0.0)])
+    }
+
+    /// Why mass may be lost or gained, and the remedies but for a higher degree.
+    fn reason_and_cells(&self) -> String {
+        if self.measure_valued {
+            return OF_MEASURES.to_owned() + "; more cells";
+        }
         let is_some = |mass: Option<f64>| mass.is_some_and(|mass| mass != 0.0);
         let or_pulse = if is_some(self.mass.entered) {
             ", or the run misses a pulse of the inflow"
@@ -132,14 +163,10 @@ impl Ledger {
         } else {
             ""
         };
-        Some(format!(
-            "mass: {} of it {gone_or_gained}, by the particles of the exact flow: the grid does \
-             not resolve V or f, or smears f over an end of the box{or_pulse}; more \
-             cells{or_interface} or a higher {}{}",
-            percent(share.abs()),
-            self.degree_keys,
-            self.after_degree()
-        ))
+        format!(
+            "the grid does not resolve V or f, or smears f over an end of the box{or_pulse}; more \
+             cells{or_interface}"
+        )
     }
 
     /// What a higher degree takes besides, if it is refused on these velocity cells.
@@ -157,8 +184,20 @@ impl Ledger {
     /// Warning of mass that the balance does not explain, if the outflow through the ends is
     /// unknown. That mass leaves through ends in space is no fault.
     fn balance_warning(&self) -> Option<String> {
-        let lost = self.mass.lost.filter(|_| self.mass.left_estimate.is_none())?;
-        let share = self.noticeable(lost)?;
+        let lost = self.lost_with_error().filter(|_| self.mass.left_estimate.is_none());
+        let share = self.noticeable(lost?[0])?;
+        if self.measure_valued {
+            return self.unbalanced(lost?[0], None).map(|share| {
+                format!(
+                    "mass: {} of it {} at the end, and space has no ends: {OF_MEASURES}; more \
+                     cells or a higher {}{}",
+                    percent(share.abs()),
+                    if share > 0.0 { "is gone" } else { "is new" },
+                    self.degree_keys,
+                    self.after_degree()
+                )
+            });
+        }
         if share < 0.0 {
             return Some(format!(
                 "mass: there is {} more of it at the end than at the start and entered: \

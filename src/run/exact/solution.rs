@@ -26,6 +26,11 @@ impl<'a> ExactValues<'a> {
         })
     }
 
+    /// Whether they are a formula.
+    pub fn are_given(&self) -> bool {
+        matches!(self, Self::Given(_))
+    }
+
     /// The values at `points` `[x, y, z, vx, vy, vz]` at a time.
     pub fn values_at(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         match self {

@@ -7,7 +7,8 @@
 //!
 //! ```text
 //! ∫ f dv over a panel      Boole's rule along each axis, 5 equal steps
-//! error along an axis      |Boole − Simpson| on each line along it, summed with Boole's weights
+//! error along an axis      |Boole − Simpson| on each line along it, summed with Boole's weights;
+//!                          less for a formula that this shows to be smooth
 //! error of the panel       the sum over its axes; halved across the axis with the largest error
 //! error of the integral    (Σ error²)^½ over the panels, as their errors have either sign
 //! ```
@@ -46,7 +47,8 @@ use crate::run::exact::velocities::cells::CellAverages;
 use crate::run::exact::velocities::filaments::{ComparedPlaces, SeenFilaments};
 use crate::run::exact::velocities::grid_rule::GridRule;
 use crate::run::exact::velocities::limits::{
-    SEARCHED, TOLERANCE, TRIALS, allowance, is_limited, most_at, panels_of, points_across,
+    PART_FOR_FORMULAS, SEARCHED, TOLERANCE, TRIALS, allowance, is_limited, most_at, panels_of,
+    points_across,
 };
 use crate::run::exact::velocities::panels::{PanelRule, VelocityIntegral};
 use crate::run::exact::velocities::places::{at_all, centres};
@@ -85,6 +87,9 @@ impl<'a> VelocityIntegrals<'a> {
         }
         let may_sum = case.potential.len() == 1 && TRIALS[d] > 0;
         let grid_rule = may_sum.then(|| GridRule::accepted(world, &rule, TRIALS[d])).flatten();
+        if d > 0 && values_of.are_given() {
+            rule.tolerance *= PART_FOR_FORMULAS;
+        }
         Self { rule, grid_rule, within_cells: false }
     }
 

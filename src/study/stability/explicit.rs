@@ -14,7 +14,8 @@
 //! at most the largest `|R(z)|` over `|z| ≤ c` with `Re(z) ≤ 0`.
 //!
 //! So there are two borders: the largest step at which no value ever exceeds the initial maximum,
-//! and the smallest from which values grow by `EXPLODED`.
+//! and the smallest from which values grow by `EXPLODED`. Elements damp most of a pattern at first,
+//! and what grows is seen only later: a pattern that rises again is followed for longer.
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::{Case, Integrator, Method};
@@ -25,7 +26,7 @@ use crate::study::budget::Budget;
 use crate::study::grids::coarsened;
 use crate::study::stability::cases::{assembled, grid_notes};
 use crate::study::stability::panel::{Border, Curve, CurvePoint, PanelContents, PanelTask};
-use crate::study::stability::search::{BorderLocation, last_holding};
+use crate::study::stability::search::{BorderLocation, first_failing, last_holding};
 use num_complex::Complex64;
 use std::f64::consts::PI;
 
@@ -38,17 +39,21 @@ pub const GROWTH: &str = "growth in 200 steps";
 /// Names of the quantities that stable steps do not increase: of degree 0, and of elements.
 const LARGEST_VALUE: &str = "largest value";
 const NORM: &str = "norm";
-/// Steps after which values above the initial maximum show.
+/// Steps after which most values above the initial maximum show.
 const SHORT_STEPS: usize = 8;
+/// Largest number of steps over which a pattern is followed that is not above it, but rises.
+const RISING_STEPS: usize = 8 * STEPS;
 /// Growth in [`STEPS`] steps from which values are said to explode.
 const EXPLODED: f64 = 1e6;
 /// Steps between two maxima over all ranks.
 const STEPS_PER_MAXIMUM: usize = 8;
 /// Growth at which a trial is stopped.
 const LARGEST_GROWTH: f64 = 1e12;
-/// Relative growth that may be round-off.
-const ROUND_OFF: f64 = 1e-12;
-/// Halvings that locate a border to six digits.
+/// Growth that is more than round-off.
+const EXCEEDED: f64 = 1.0 + 1e-12;
+/// A pattern below this part of its start counts as gone: what rises then began as round-off.
+const GONE: f64 = 1e-13;
+/// Halvings that locate a border to six digits, between numbers that are close to each other.
 const HALVINGS_FOR_SIX: usize = 20;
 /// Halvings that locate a border to three digits.
 const HALVINGS_FOR_THREE: usize = 14;
@@ -65,12 +70,21 @@ const METHODS: [(&str, Integrator); 2] =
 struct StepTest {
     steps: usize,
     patterns: usize,
+    /// The steps of a pattern that still rises after `steps` steps.
+    if_rising: usize,
+    /// Growth at which the trial is stopped.
+    most: f64,
 }
 
-/// Shows whether values exceed the initial maximum.
-const SHORT: StepTest = StepTest { steps: SHORT_STEPS, patterns: 2 };
+/// Shows whether values exceed the initial maximum soon.
+const SHORT: StepTest =
+    StepTest { steps: SHORT_STEPS, patterns: 2, if_rising: SHORT_STEPS, most: EXCEEDED };
+/// Shows whether they ever do.
+const EVER: StepTest =
+    StepTest { steps: STEPS, patterns: 2, if_rising: RISING_STEPS, most: EXCEEDED };
 /// Shows whether values explode.
-const LONG: StepTest = StepTest { steps: STEPS, patterns: 1 };
+const LONG: StepTest =
+    StepTest { steps: STEPS, patterns: 1, if_rising: STEPS, most: LARGEST_GROWTH };
 
 /// The matrix that is stepped, and its initial values.
 struct ExplicitSteps<'a> {
@@ -111,31 +125,62 @@ impl<'a> ExplicitSteps<'a> {
     /// Largest value of a test, or norm, over that at the start, but at most [`LARGEST_GROWTH`].
     /// Collective.
     fn growth(&mut self, integrator: Integrator, cfl: f64, test: StepTest) -> f64 {
-        let Prepared { communicator, system, .. } = &mut *self.found;
-        let rows = system.matrix.rows();
-        let mut classical = Classical::new(&system.matrix);
         let mut largest = 1.0f64;
-        for pattern in &self.patterns[..test.patterns] {
-            let mut state = pattern.clone();
-            let start = if self.of_norm { system.norm(communicator, &state) } else { 1.0 };
-            let mut mine = 0.0f64;
-            for step in 1..=test.steps {
-                let exchange = &mut system.exchange;
-                classical.steps(exchange, &mut state, integrator, cfl / self.rate, 1);
-                if self.of_norm {
-                    mine = mine.max(system.norm(communicator, &state) / start);
-                } else {
-                    mine = state[..rows].iter().fold(mine, |m, x| m.max(x.abs()));
-                }
-                if step % STEPS_PER_MAXIMUM == 0 || step == test.steps {
-                    largest = largest.max(communicator.world.max(mine));
-                    if largest > LARGEST_GROWTH {
-                        break;
-                    }
-                }
+        for number in 0..test.patterns {
+            largest = largest.max(self.growth_of(number, integrator, cfl, test));
+            if largest > test.most {
+                break;
             }
         }
         largest.min(LARGEST_GROWTH)
+    }
+
+    /// The same for pattern `number`. Collective.
+    fn growth_of(
+        &mut self,
+        number: usize,
+        integrator: Integrator,
+        cfl: f64,
+        test: StepTest,
+    ) -> f64 {
+        let Prepared { communicator, system, .. } = &mut *self.found;
+        let rows = system.matrix.rows();
+        let mut classical = Classical::new(&system.matrix);
+        let mut state = self.patterns[number].clone();
+        let start = if self.of_norm { system.norm(communicator, &state) } else { 1.0 };
+        // The largest growth so far; that in this quarter of the steps, and in the one before.
+        let (mut largest, mut recent, mut before) = (0.0f64, 0.0f64, 0.0f64);
+        let mut mine = 0.0f64;
+        for step in 1..=test.if_rising {
+            let exchange = &mut system.exchange;
+            classical.steps(exchange, &mut state, integrator, cfl / self.rate, 1);
+            if self.of_norm {
+                mine = mine.max(system.norm(communicator, &state) / start);
+            } else {
+                mine = state[..rows].iter().fold(mine, |m, x| m.max(x.abs()));
+            }
+            if step % STEPS_PER_MAXIMUM == 0 || step == test.steps {
+                recent = recent.max(communicator.world.max(std::mem::take(&mut mine)));
+                largest = largest.max(recent);
+                if largest > test.most {
+                    break;
+                }
+            }
+            if step % (test.steps / 4) == 0 {
+                let rises = recent > EXCEEDED * before && recent > GONE;
+                if step >= test.steps && !rises {
+                    break;
+                }
+                before = std::mem::take(&mut recent);
+            }
+        }
+        largest
+    }
+
+    /// Whether no pattern ever exceeds its start. Collective.
+    fn is_kept(&mut self, integrator: Integrator, cfl: f64) -> bool {
+        // Most excesses show soon.
+        [SHORT, EVER].iter().all(|test| self.growth(integrator, cfl, *test) <= EXCEEDED)
     }
 }
 
@@ -252,22 +297,27 @@ impl ExplicitSteps<'_> {
         let (of_norm, rate_ratio) = (self.of_norm, self.rate_ratio);
         let between = [0.25, if of_norm { LARGEST_OF_ELEMENTS } else { LARGEST }];
         let is_over = || budget.is_over();
-        let mut growth = |cfl, test| self.growth(integrator, cfl, test);
         let bound = |cfl| growth_bound(integrator, cfl, rate_ratio, of_norm);
+        let kept =
+            first_failing(between, HALVINGS_FOR_SIX, is_over, |cfl| self.is_kept(integrator, cfl));
+        // What is kept does not explode.
+        let beyond_kept = match kept {
+            BorderLocation::At(cfl) | BorderLocation::Beyond(cfl) => [cfl, between[1]],
+            BorderLocation::Below(_) | BorderLocation::Unknown => between,
+        };
+        let calm = last_holding(beyond_kept, HALVINGS_FOR_THREE, is_over, |cfl| {
+            self.growth(integrator, cfl, LONG) < EXPLODED
+        });
         MethodLimits {
             name,
             integrator,
-            kept: last_holding(between, HALVINGS_FOR_SIX, is_over, |cfl| {
-                growth(cfl, SHORT) <= 1.0 + ROUND_OFF
-            }),
+            kept,
             what: if of_norm { NORM } else { LARGEST_VALUE },
             kept_by_theory: match integrator {
                 Integrator::ForwardEuler if of_norm => None,
                 _ => Some(1.0 / rate_ratio),
             },
-            calm: last_holding(between, HALVINGS_FOR_THREE, is_over, |cfl| {
-                growth(cfl, LONG) < EXPLODED
-            }),
+            calm,
             // A formula, which takes no time.
             calm_bound: last_holding(
                 between,

@@ -10,6 +10,9 @@ const PANELS: [usize; MAX_DIMENSION] = [64, 8, 2];
 const FEW_PANELS: [usize; MAX_DIMENSION] = [64, 2, 2];
 /// Panels are halved until the error is below this part of the largest density.
 pub const TOLERANCE: [f64; MAX_DIMENSION] = [1e-5, 1e-3, 5e-3];
+/// In two and three dimensions, of a formula the error may be this part of that: its values are
+/// cheap.
+pub const PART_FOR_FORMULAS: f64 = 0.01;
 /// Points that an integral may take, if that is more than twice those that it begins with.
 const MOST_POINTS: [usize; MAX_DIMENSION] = [2000, 2000, 6000];
 /// Points that all integrals together may take.
