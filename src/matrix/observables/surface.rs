@@ -21,7 +21,7 @@
 use crate::base::row_major::position;
 use crate::matrix::elements::apply_along_all;
 use crate::matrix::observables::level_sets::{IDENTITY, Jacobian, determinant};
-use crate::matrix::observables::surface::stretches::{Stretch, upper_face};
+use crate::matrix::observables::surface::stretches::{AxisStretch, upper_face};
 use crate::matrix::observables::zeros::{basis, basis_slopes, evaluate, has_one_sign, zeros};
 use crate::problem::grid::{PhaseSpace, box_cells, coordinate};
 use std::ops::Range;
@@ -75,8 +75,8 @@ pub fn for_each_zero(
     mut visit: impl FnMut(&SurfaceZero),
 ) {
     let n = space.dimension();
-    let of_space = space.x.iter().map(|axis| Stretch::of_space(axis, n));
-    let of_velocity = space.v.iter().map(|axis| Stretch::of_velocity(axis, n));
+    let of_space = space.x.iter().map(|axis| AxisStretch::of_space(axis, n));
+    let of_velocity = space.v.iter().map(|axis| AxisStretch::of_velocity(axis, n));
     let axes = of_space.chain(of_velocity).collect();
     let surface = Surface { space, share, axes, psi };
     let elements: Vec<Range<usize>> = (space.x.iter().zip(share))
@@ -99,7 +99,7 @@ struct Surface<'a> {
     /// The rank's cells of space.
     share: &'a [Range<usize>],
     /// The stretches of each axis.
-    axes: Vec<Vec<Stretch>>,
+    axes: Vec<Vec<AxisStretch>>,
     /// Nodal values of the level sets.
     psi: &'a [&'a [f64]],
 }
@@ -146,12 +146,12 @@ impl<'a> SurfacePatch<'a> {
         Some(Self { surface, stretches, phi, psi })
     }
 
-    fn stretch(&self, axis: usize) -> &Stretch {
+    fn stretch(&self, axis: usize) -> &AxisStretch {
         &self.surface.axes[axis][self.stretches[axis]]
     }
 
     /// The axes, by number, with their stretches.
-    fn each(&self) -> impl Iterator<Item = (usize, &Stretch)> {
+    fn each(&self) -> impl Iterator<Item = (usize, &AxisStretch)> {
         (0..self.stretches.len()).map(|axis| (axis, self.stretch(axis)))
     }
 

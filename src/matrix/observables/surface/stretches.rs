@@ -25,7 +25,7 @@ const OVERLAP: f64 = 1e-6;
 const AT_END: f64 = 1e-12;
 
 /// A stretch of an axis. Places are in elements from the lower end of the axis.
-pub(super) struct Stretch {
+pub(super) struct AxisStretch {
     /// Numbers of the nodes whose values determine the polynomial.
     pub(super) nodes: Range<usize>,
     ends: [f64; 2],
@@ -38,7 +38,7 @@ pub(super) struct Stretch {
     pub(super) samples: Vec<QuadraturePoint>,
 }
 
-impl Stretch {
+impl AxisStretch {
     /// The stretch through the `nodes` of an axis with elements of the reference `element`.
     fn new(element: Nodes, nodes: Range<usize>, ends: [f64; 2], overlap: f64) -> Self {
         let at: Vec<f64> = nodes.clone().map(|node| place(element, node)).collect();
