@@ -16,7 +16,7 @@
 //! proportional to `D_I²`. So near caustics the surface is followed along coordinates in which it
 //! is steep, and all terms are finite.
 //!
-//! Along the velocities level sets are continuous: see [`stretches`].
+//! Along the velocities level sets are continuous (`surface/stretches.rs`).
 
 use crate::base::row_major::position;
 use crate::matrix::elements::apply_along_all;

@@ -62,7 +62,7 @@ pub fn last_holding(
 const LOOKS: i32 = 16;
 
 /// The number of `[low, high]` up to which `holds` is true: it is true there and, up to there, at
-/// all numbers that were tried. Unlike [`last_holding`], this search looks at [`LOOKS`] numbers in
+/// all numbers that were tried. Unlike [`last_holding`], this search looks at `LOOKS` numbers in
 /// equal ratios in rising order first, as `holds` may be true again beyond the border. Arguments
 /// are the same. Collective.
 pub fn first_failing(
