@@ -63,12 +63,17 @@ impl Progress {
         if self.bar.is_none() {
             eprint_wrapped(&format!("{} {:.0} %, {left:.0} s to go", self.name, 100.0 * fraction));
         }
-        if let Some(remedy) = self.remedy.take_if(|_| left > LONG) {
+        if let Some(remedy) = self.due_remedy(left) {
             match &self.bar {
                 Some(bar) => bar.suspend(|| eprint_wrapped(remedy)),
                 None => eprint_wrapped(remedy),
             }
         }
+    }
+
+    /// The remedy if `left` seconds are long, once.
+    fn due_remedy(&mut self, left: f64) -> Option<&'static str> {
+        self.remedy.take_if(|_| left > LONG)
     }
 
     /// Counts `work` units as done in all, if they are more than those before.
@@ -81,5 +86,18 @@ impl Progress {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_remedy_is_given_once_and_for_long_work_only() {
+        let mut progress = Progress::silent().with_remedy("less");
+        let given = [10.0, 100.0, 1000.0].map(|left| progress.due_remedy(left));
+        assert_eq!(given, [None, Some("less"), None]);
+        assert_eq!(Progress::silent().due_remedy(1e9), None);
     }
 }

@@ -42,11 +42,8 @@ pub struct EstimatedErrors {
 impl EstimatedErrors {
     /// These errors, but at least `share` where they are known: the part of all mass that the law
     /// at jumps of `V` adds or takes. It is about the error where `f` hardly varies along paths, so
-    /// that these estimates see nothing, and may be too large after that mass has left. Particles
-    /// show it with a scatter that does not depend on `f`: what interpolation cannot be wrong by is
-    /// scatter.
+    /// that these estimates see nothing, and may be too large after that mass has left.
     pub fn at_least(self, share: f64) -> Self {
-        let share = self.interpolation.map_or(share, |most| share.min(most));
         let GridErrorPair { field, density } = self.grid;
         let [field, density] = [field, density].map(|known| known.map(|error| error.max(share)));
         Self { grid: GridErrorPair { field, density }, ..self }

@@ -87,11 +87,8 @@ fn compare(
 pub(crate) fn damage(directory: &Path, name: &str) -> Option<Error> {
     let expected = of_summary(directory).ok()?.remove(name)?;
     let path = directory.join(name);
-    let bytes = std::fs::metadata(&path).ok()?.len();
-    if bytes != expected.bytes {
-        return Some(resized(&path, bytes, expected.bytes));
-    }
-    (of_file_alone(&path).ok()? != expected).then(|| changed(&path))
+    let changed = || (of_file_alone(&path).ok()? != expected).then(|| changed(&path));
+    resized(&path, &expected).or_else(changed)
 }
 
 /// Compares the files of `directory` that are there with their sizes, without reading them: a file
@@ -105,23 +102,21 @@ pub(crate) fn check_sizes(directory: &Path) -> Result<()> {
 }
 
 fn compare_sizes(directory: &Path, all: &FileChecksums) -> Result<()> {
-    all.iter().try_for_each(|(name, expected)| {
-        let path = directory.join(name);
-        match std::fs::metadata(&path).map(|found| found.len()) {
-            Ok(bytes) if bytes != expected.bytes => Err(resized(&path, bytes, expected.bytes)),
-            _ => Ok(()),
-        }
-    })
+    let mut errors = all.iter().filter_map(|(name, sum)| resized(&directory.join(name), sum));
+    errors.next().map_or(Ok(()), Err)
+}
+
+/// The error that a file has another size than when it was written; `None` if it has not, or is not
+/// there.
+fn resized(path: &Path, expected: &FileChecksum) -> Option<Error> {
+    let (bytes, written) = (std::fs::metadata(path).ok()?.len(), expected.bytes);
+    let why = format!("is not as it was written ({bytes} bytes, {written} were written)");
+    (bytes != written).then(|| failure(path, &why))
 }
 
 /// The error that a file has another checksum than when it was written.
 fn changed(path: &Path) -> Error {
     failure(path, &"is not as it was written (its checksum differs)")
-}
-
-/// The error that a file has `bytes` bytes instead of `expected`.
-fn resized(path: &Path, bytes: u64, expected: u64) -> Error {
-    failure(path, &format!("is not as it was written ({bytes} bytes, {expected} were written)"))
 }
 
 /// The checksums that `summary.json` lists, of files that are all there and have their sizes; empty

@@ -159,9 +159,14 @@ impl Ledger {
         part(mass, self.mass.absolute?)
     }
 
-    /// The mass that the hat interface adds or takes, as a share of all mass.
-    pub fn interface_share(&self) -> Option<f64> {
-        self.share(self.mass.interface_estimate?.abs())
+    /// The mass that the hat interface adds or takes, as a share of all mass. The scatter of the
+    /// particles that show it does not depend on `f`: what may be scatter counts up to the error of
+    /// one `interpolation` between velocities, if that is known.
+    pub fn interface_share(&self, interpolation: Option<f64>) -> Option<f64> {
+        let mass = self.mass.interface_estimate?.abs();
+        let share = self.share(mass)?;
+        let may_be_scatter = self.mass.interface_error.is_none_or(|e| mass <= STANDARD_ERRORS * e);
+        Some(interpolation.filter(|_| may_be_scatter).map_or(share, |most| share.min(most)))
     }
 
     /// The grid's mass at time zero minus that of the formula, as a share of the mass at that time;

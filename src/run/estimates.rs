@@ -75,8 +75,8 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
 }
 
 /// A bound on the relative L2 error of linear interpolation of `f` between the velocities, by its
-/// second differences: `‖δ² f‖/8 / ‖f‖`, summed over the axes along which `V` may jump. Data that
-/// are constant or linear in `v` have none, so that the law at jumps is exact for them. Collective.
+/// second differences: `‖δ² f‖/8 / ‖f‖`, summed over the velocity axes. Data that are constant or
+/// linear in `v` have none, so that the law at jumps is exact for them. Collective.
 fn interpolation_error(prepared: &Prepared, f: &[f64]) -> f64 {
     let (world, space) = (&prepared.communicator.world, &prepared.case.space);
     let volumes = CellVolumes::new(space, &prepared.rank_cells.share);

@@ -334,7 +334,9 @@ impl<'a> Driver<'a> {
             self.log.watch.lap("readout");
         }
         self.summary.fill(&prepared, &self.log);
-        let by_interface = self.summary.ledger.as_ref().and_then(Ledger::interface_share);
+        let interpolation = compared.estimated.interpolation;
+        let share = |ledger: &Ledger| ledger.interface_share(interpolation);
+        let by_interface = self.summary.ledger.as_ref().and_then(share);
         let estimated = compared.estimated.at_least(by_interface.unwrap_or(0.0));
         self.summary.judge(&prepared.case, estimated);
         Solution {

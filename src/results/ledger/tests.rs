@@ -139,6 +139,23 @@ fn the_scatter_of_what_the_interface_adds_is_printed() {
     assert!(lines.contains("estimated: -0.01 (-0.50 %) +- 0.003"), "{lines}");
 }
 
+/// What the interface adds counts whole where it is more than scatter of the particles, and at most
+/// as much as an interpolation may be wrong by where it is not.
+#[test]
+fn scatter_is_no_error_of_the_interface() {
+    let share = |error: Option<f64>, interpolation| {
+        let mut ledger = sound();
+        ledger.mass.interface_error = error;
+        ledger.interface_share(interpolation)
+    };
+    assert_eq!(share(Some(1e-3), Some(1e-6)), share(None, None));
+    for error in [None, Some(3e-3)] {
+        assert_eq!(share(error, Some(1e-6)), Some(1e-6));
+        assert_eq!(share(error, Some(1.0)), share(None, None));
+        assert_eq!(share(error, None), share(None, None));
+    }
+}
+
 /// Walls and narrow regions give warnings that put neither mass nor energy in doubt.
 #[test]
 fn potentials_that_may_be_meant_are_no_doubts() {
