@@ -45,17 +45,19 @@ pub fn with_accuracy(
     wanted: &AccuracyArgs,
 ) -> Result<Case> {
     let Some(accuracy) = wanted.accuracy.or(case.accuracy) else {
-        return match wanted.budget {
+        let given =
+            [("--budget", wanted.budget.is_some()), ("--reproducible", wanted.clock.reproducible)];
+        return match given.iter().find(|(_, given)| *given) {
             None => Ok(case),
-            Some(_) => Err(Error::input(
-                "--budget is the time for the trial runs of an accuracy; --accuracy or \
-                 solver.accuracy is missing",
-            )),
+            Some((option, _)) => Err(Error::Input(format!(
+                "{option} is for the trial runs of an accuracy; --accuracy or solver.accuracy is \
+                 missing"
+            ))),
         };
     };
     refuse_chosen_keys(&changes.set)?;
     let budget = wanted.budget.unwrap_or(DEFAULT_BUDGET).as_secs_f64();
-    accuracy::chosen(world, &case, AdviceRequest { accuracy, budget })
+    accuracy::chosen(world, &case, AdviceRequest { accuracy, budget, clock: wanted.clock.chosen() })
 }
 
 /// Refuses `--set` of keys that an accuracy chooses.

@@ -13,7 +13,11 @@ use crate::study::advise::{AdviceRequest, advise};
 /// As [`advise`].
 pub fn execute(world: &World, args: &AdviseArgs) -> Result<()> {
     let case = load(world, &args.case)?;
-    let wanted = AdviceRequest { accuracy: args.accuracy, budget: args.budget.as_secs_f64() };
+    let wanted = AdviceRequest {
+        accuracy: args.accuracy,
+        budget: args.budget.as_secs_f64(),
+        clock: args.clock.chosen(),
+    };
     print_as(world, &advise(world, &case, wanted)?, args.json);
     Ok(())
 }

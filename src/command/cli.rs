@@ -7,6 +7,7 @@ use crate::command::values::{
 use crate::quantum::circuit::circuit_case::MOST_ROUNDED_BITS;
 use crate::quantum::circuit::transport::{Levels, ModeWeights};
 use crate::quantum::synthesis::RotationSynthesis;
+use crate::study::budget::BudgetClock;
 use crate::study::stability::panel::PanelName;
 use clap::{Args, Parser, Subcommand, ValueEnum, value_parser};
 use std::path::PathBuf;
@@ -133,6 +134,25 @@ pub struct AccuracyArgs {
     /// Approximate time for the trial runs of --accuracy or solver.accuracy; by default 60s
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub budget: Option<Duration>,
+    /// What measures it.
+    #[command(flatten)]
+    pub clock: ClockArgs,
+}
+
+/// The clock of trial runs for an accuracy.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct ClockArgs {
+    /// Choose the same on every machine: --budget counts the work of the trial runs, by the rate
+    /// of an average core, and not the time that they take
+    #[arg(long)]
+    pub reproducible: bool,
+}
+
+impl ClockArgs {
+    /// The clock that the user asks for.
+    pub fn chosen(self) -> BudgetClock {
+        if self.reproducible { BudgetClock::Updates } else { BudgetClock::Seconds }
+    }
 }
 
 /// Options of `init`.
@@ -330,6 +350,9 @@ pub struct AdviseArgs {
     /// Approximate time for all trial runs
     #[arg(long, value_name = "TIME", default_value = "60s", value_parser = duration)]
     pub budget: Duration,
+    /// What measures it.
+    #[command(flatten)]
+    pub clock: ClockArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

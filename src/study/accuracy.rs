@@ -99,7 +99,7 @@ pub fn refuse_foreign(world: &World, directory: &Path) -> Result<()> {
 /// As [`advise`]; [`Error::Input`] if nothing is advised, or only what takes
 /// [`too_long`](SetupReport::too_long).
 pub fn chosen(world: &World, case: &Case, request: AdviceRequest) -> Result<Case> {
-    let AdviceRequest { accuracy, budget } = request;
+    let AdviceRequest { accuracy, budget, .. } = request;
     let advised = advise(world, case, request)?;
     let Some(entry) = advised.best_of(case.method) else {
         let why = advised.why_nothing(case.method);

@@ -10,7 +10,8 @@
 //! `f` ([`spread`](crate::study::density::spread)) and is tried on a coarse grid.
 //!
 //! Counted work decides what is tried, so that the advice does not depend on the machine; rank 0's
-//! clock only stops a search that takes far longer than counted ([`crate::study::budget`]). Schemes
+//! clock only stops a search that takes far longer than counted ([`crate::study::budget`]), and
+//! `--reproducible` leaves that to counted work, too. Schemes
 //! whose order is still open get finer grids from the rest of the budget (`rest`). If the
 //! search finds nothing, or only set-ups that take longer than the search itself, it goes on with
 //! as much work as this machine can do in the time that is left.
@@ -40,7 +41,7 @@ use crate::study::advise::setups::{
     AdviceReport, GivenCase, SetupReport, SkippedSetup, mark_expensive, mark_too_long, nearest,
 };
 use crate::study::advise::trials::Trials;
-use crate::study::budget::{Budget, refuse_slow_grid};
+use crate::study::budget::{Budget, BudgetClock, refuse_slow_grid};
 use crate::study::trial::refuse_start_from_file;
 use std::collections::BTreeMap;
 
@@ -53,6 +54,9 @@ const EXPENSIVE: f64 = 0.25;
 const LONGEST_ADVISED: f64 = 30.0 * 86400.0;
 /// Relative round-off by which an error may exceed the accuracy.
 const ROUND_OFF: f64 = 1e-9;
+/// The note of advice by counted work.
+const COUNTED: &str =
+    "--reproducible: all times are those of the counted work on one average core, not of here";
 
 /// The request of the user.
 #[derive(Clone, Copy, Debug)]
@@ -61,6 +65,8 @@ pub struct AdviceRequest {
     pub accuracy: f64,
     /// Seconds for all trials, about.
     pub budget: f64,
+    /// What measures them.
+    pub clock: BudgetClock,
 }
 
 /// Finds the set-ups of `case` that reach the accuracy of `request`, the same on all ranks.
@@ -70,7 +76,7 @@ pub struct AdviceRequest {
 /// [`Error::Input`] if nothing reaches the accuracy, and for a case that starts from a file; the
 /// error of a trial if none succeeds.
 pub fn advise(world: &World, case: &Case, request: AdviceRequest) -> Result<AdviceReport> {
-    let budget = Budget::new(world, "advise (of its budget)", request.budget);
+    let budget = Budget::new(world, "advise (of its budget)", request.budget, request.clock);
     refuse_start_from_file(case, "advice takes other grids than that of the file")?;
     refuse_slow_grid(world, case, request.budget)?;
     let mut study = Study::new(world, case, request, budget)?;
@@ -190,12 +196,17 @@ impl<'a> Study<'a> {
         let Self { world, case, request, trials, .. } = self;
         let settled = |SetupCandidate { mut entry, planned }: SetupCandidate| {
             let predicted = planned.map(|(target, plan)| trials.seconds(&target, &plan));
-            entry.seconds = entry.seconds.or(predicted);
+            let counted = trials.budget.counted_seconds(entry.updates());
+            entry.seconds = counted.or(entry.seconds).or(predicted);
+            entry.seconds_measured &= counted.is_none();
             entry.estimate = entry.not_settled(LONGEST_ADVISED);
             entry
         };
         let mut entries: Vec<SetupReport> = candidates.into_iter().map(settled).collect();
         let mut warnings = warnings(case, &entries);
+        if request.clock == BudgetClock::Updates {
+            warnings.push(COUNTED.to_owned());
+        }
         mark_expensive(&mut entries, request.budget);
         mark_too_long(&mut entries, request.budget);
         // The least counted work; of equal ones the first, which has the case's own interface.

@@ -1,7 +1,8 @@
 //! The time that a study may take.
 //!
 //! Two measures: rank 0's clock, which decides for all ranks, and counted updates of unknowns, for
-//! decisions that must be the same on every machine and on any number of ranks.
+//! decisions that must be the same on every machine and on any number of ranks. A study that must
+//! be reproducible takes a clock that counts, too ([`BudgetClock::Updates`]).
 
 use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
@@ -15,6 +16,8 @@ use std::time::Instant;
 /// Updates of an unknown that count as a second: at most a third of what a core does, so that it
 /// holds on a busy machine, too.
 const UPDATES_PER_SECOND: f64 = 4e7;
+/// Updates a second of [`BudgetClock::Updates`]: what a core does.
+const CLOCK_UPDATES_PER_SECOND: f64 = 3.0 * UPDATES_PER_SECOND;
 
 /// Longest budget in seconds that is named to the user.
 const LONGEST_BUDGET: f64 = 1e5;
@@ -60,9 +63,20 @@ fn milliseconds(seconds: f64) -> usize {
     (1e3 * seconds) as usize
 }
 
+/// The clock of a study.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum BudgetClock {
+    /// Rank 0's clock.
+    Seconds,
+    /// The counted updates at [`CLOCK_UPDATES_PER_SECOND`], which are the same on every machine
+    /// and on any number of ranks.
+    Updates,
+}
+
 /// The time limit of a study, and the part of it that was used.
 pub struct Budget {
     all: Group,
+    clock: BudgetClock,
     started: Instant,
     limit: f64,
     /// Seconds after the start at which the part in progress is to end.
@@ -80,10 +94,11 @@ pub struct Budget {
 
 impl Budget {
     /// `limit` seconds from now on, of which the passing ones are shown as progress called `name`.
-    pub fn new(world: &World, name: &'static str, limit: f64) -> Self {
+    pub fn new(world: &World, name: &'static str, limit: f64, clock: BudgetClock) -> Self {
         let prints = world.group().is_first();
         Self {
             all: world.group(),
+            clock,
             progress: Progress::new(prints, name, milliseconds(limit)).into(),
             started: Instant::now(),
             limit,
@@ -105,9 +120,17 @@ impl Budget {
         self.limit
     }
 
-    /// Seconds since the start, by this rank's clock.
+    /// Seconds since the start: by this rank's clock, or by what was counted.
     pub fn elapsed(&self) -> f64 {
-        self.started.elapsed().as_secs_f64()
+        match self.clock {
+            BudgetClock::Seconds => self.started.elapsed().as_secs_f64(),
+            BudgetClock::Updates => (self.counted_before + self.counted) / CLOCK_UPDATES_PER_SECOND,
+        }
+    }
+
+    /// Seconds of work of so many `updates`, if the clock counts them.
+    pub fn counted_seconds(&self, updates: f64) -> Option<f64> {
+        (self.clock == BudgetClock::Updates).then_some(updates / CLOCK_UPDATES_PER_SECOND)
     }
 
     /// Whether a first trial of `seconds` fits into the budget. By this rank's clock.

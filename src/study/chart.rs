@@ -27,7 +27,7 @@ use crate::parallel::communicator::World;
 use crate::plan::here::refuse_too_large_here;
 use crate::problem::case::Case;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
-use crate::study::budget::{Budget, refuse_slow_grid};
+use crate::study::budget::{Budget, BudgetClock, refuse_slow_grid};
 use crate::study::chart::attempts::{Attempts, ComparedGrid};
 use crate::study::chart::programme::Programme;
 use crate::study::chart::result::{Chart, mark_fronts};
@@ -46,7 +46,8 @@ mod tests;
 /// [`crate::base::error::Error::Input`] for a case that starts from a file, and if no trial fits
 /// into `limit`; the first trial's error if nothing could be run.
 pub fn measure(world: &World, case: &Case, limit: Duration) -> Result<Chart> {
-    let budget = Budget::new(world, "chart (of its budget)", limit.as_secs_f64());
+    let budget =
+        Budget::new(world, "chart (of its budget)", limit.as_secs_f64(), BudgetClock::Seconds);
     refuse_start_from_file(case, "the file fixes the grid, which a chart varies")?;
     refuse_too_large_here(world, case)?;
     refuse_slow_grid(world, case, limit.as_secs_f64())?;

@@ -34,7 +34,7 @@ pub mod tolerance;
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::study::budget::{Budget, refuse_slow_grid};
+use crate::study::budget::{Budget, BudgetClock, refuse_slow_grid};
 use crate::study::stability::panel::{
     AxisScale, LeftOut, PanelName, PanelSpec, PanelTask, Stability, StabilityPanel,
 };
@@ -84,7 +84,8 @@ pub fn measure(
     limit: Duration,
 ) -> Result<Stability> {
     refuse_start_from_file(case, "stability takes a case whose field at the start is a formula")?;
-    let mut budget = Budget::new(world, "stability (of its budget)", limit.as_secs_f64());
+    let mut budget =
+        Budget::new(world, "stability (of its budget)", limit.as_secs_f64(), BudgetClock::Seconds);
     refuse_slow_grid(world, case, limit.as_secs_f64())?;
     let wanted: Vec<&'static PanelSpec> =
         (PANELS.iter()).filter(|spec| only.is_empty() || only.contains(&spec.name)).collect();

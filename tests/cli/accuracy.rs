@@ -143,7 +143,7 @@ fn goals_are_judged_and_zero_fields_have_no_accuracy() {
     let all = empty.output.clone() + &empty.errors;
     assert!(!all.contains("error of the grid"), "{}", empty.report("an error of nothing"));
 
-    let goal = run("smooth-beams.toml").with(["--accuracy", "2e-1", "--budget", "20s", "--force"]);
+    let goal = run("smooth-beams.toml").with(["--accuracy", "2e-1", "--reproducible", "--force"]);
     let finished = goal.into(place.path()).succeed().unwrap();
     let printed = ["accuracy 2e-1 of the density (relative L1): reached, "];
     finished.contains(&finished.output, &printed).unwrap();
@@ -155,7 +155,7 @@ fn goals_are_judged_and_zero_fields_have_no_accuracy() {
 fn chosen_accuracy_is_reached_and_kept() {
     let place = directory();
     let job = || {
-        let job = run("example1.toml").with(["--accuracy", "1.5e-1", "--budget", "60s"]);
+        let job = run("example1.toml").with(["--accuracy", "1.5e-1", "--reproducible"]);
         job.into(place.path())
     };
     let first = job().on(2).succeed().unwrap();
@@ -190,7 +190,8 @@ v = { lower = -2.5, upper = 2.5, cells = 50 }
         let place = directory();
         let file = place.path().join("barrier.toml");
         std::fs::write(&file, format!("{exact}{case}")).map_err(|e| e.to_string())?;
-        let job = Job::new(["run", &file.display().to_string(), "--accuracy", "1e-1"]);
+        let job =
+            Job::new(["run", &file.display().to_string(), "--accuracy", "1e-1", "--reproducible"]);
         let out = place.path().join("out");
         let finished = job.into(&out).succeed()?;
         let found = datasets(&out)?;
@@ -1213,7 +1214,7 @@ fn nothing_is_shown_by_a_staircase() {
     on(&["exact={f=\"0*x\"}"]).succeed().unwrap();
     assert_eq!(json_of(results.join("summary.json")).unwrap()["accuracy"]["staircase"], false);
 
-    let goal = ["--accuracy", "5e-1", "--budget", "3s"];
+    let goal = ["--accuracy", "5e-1", "--budget", "3s", "--reproducible"];
     let finished = on(&[]).with(goal).succeed().unwrap();
     let expected = "accuracy 5e-1 of the density NOT SHOWN: an edge of V is not along the axes";
     finished.contains(&finished.output, &[expected]).unwrap();

@@ -2,6 +2,7 @@
 //! case files, and the structure of the sources.
 
 mod chebyshev;
+mod dependencies;
 mod fuzz;
 mod layers;
 mod names;
