@@ -57,13 +57,13 @@ use std::path::Path;
 ///
 /// # Errors
 /// The first error of any rank, the same on all; [`Error::Stopped`] if the run
-/// stopped early and can be resumed.
-pub fn run(world: &World, case: &Case, directory: &Path, options: &Options) -> Result<Summary> {
+/// stopped early and can be resumed; [`Error::FinishedByOthers`] if another process finished it.
+pub fn run(world: &World, given: &Case, directory: &Path, options: &Options) -> Result<Summary> {
     if !options.force {
-        finished::refuse_to_replace(&world.group(), directory, case, options.resume)?;
+        finished::refuse_to_replace(&world.group(), directory, given, options.resume)?;
     }
-    let case = &*with_files_read(&world.group(), case)?;
-    let output = Output { directory, options };
+    let case = &*with_files_read(&world.group(), given)?;
+    let output = Output { given, directory, options };
     compute(world, case, Some(output))?.write_prepared(world, directory)
 }
 

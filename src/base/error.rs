@@ -305,14 +305,16 @@ pub enum Error {
         runs: usize,
     },
     /// The wall time did not suffice for one batch of modes.
-    #[error(
-        "--walltime {seconds}: not one batch of modes was finished; it takes a longer time, or \
-         more ranks"
-    )]
+    #[error("--walltime {seconds}: {why}")]
     WallTime {
         /// The time given, in seconds.
         seconds: f64,
+        /// What takes longer, and the remedies.
+        why: String,
     },
+    /// The run is finished: another process did it, which no user sees as an error.
+    #[error("another process has finished this run")]
+    FinishedByOthers,
     /// A run too long for any machine.
     #[error(
         "time.end = {end:e}: with the grid's largest rate {rate:.3e} {quantity} {span:.3e} times \
@@ -410,6 +412,7 @@ impl Error {
             | Error::WallTime { .. }
             | Error::AnotherRun { .. }
             | Error::Magnitude { .. } => 2,
+            Error::FinishedByOthers => 0,
             Error::Stopped { .. } | Error::SweepStopped { .. } => CAN_GO_ON,
             Error::SweepFailed { .. } => 3,
             Error::Remote { code, .. } => *code,

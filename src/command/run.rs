@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 
 /// Written as soon as a signal requests a stop.
 const STOP_MESSAGES: StopMessages = StopMessages {
-    set_up: "stopped by a signal before the first mode: nothing to store; the same command with \
+    set_up: "stopped by a signal before the first mode: nothing to store; the same command with\n  \
              --resume starts again, from an older checkpoint if there is one\n",
     modes: "stop signal: a checkpoint of the finished modes follows; a second signal ends at \
             once\n",
@@ -45,12 +45,7 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         format!("--resume: {damage}: the finished run is damaged and is computed anew")
     };
     if args.resume && run::is_done_removing_rest(world, &directory, &case, damaged) {
-        let shown = directory.display();
-        print(world, &format!("--resume: the run is finished; results in {shown}"));
-        for line in run::lines_about_errors(world, &directory, case.strict)? {
-            print(world, &line);
-        }
-        return run::refuse_missed(world, &directory, case.strict);
+        return report_finished(world, &case, &directory);
     }
     let options = Options {
         ranks_x: args.ranks_x.clone(),
@@ -59,7 +54,10 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         walltime: args.walltime,
         stop: machine::stop_flag(),
     };
-    let summary = run::run(world, &case, &directory, &options)?;
+    let summary = match run::run(world, &case, &directory, &options) {
+        Err(Error::FinishedByOthers) => return report_finished(world, &case, &directory),
+        other => other?,
+    };
     if world.group().is_first() {
         summary.report_late_warnings();
     }
@@ -78,6 +76,19 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         print(world, &line);
     }
     Ok(())
+}
+
+/// Prints that the run of `case` in `directory` is finished, and the lines about its errors.
+/// Collective.
+///
+/// # Errors
+/// As [`run::refuse_missed`].
+fn report_finished(world: &World, case: &Case, directory: &Path) -> Result<()> {
+    print(world, &format!("--resume: the run is finished; results in {}", directory.display()));
+    for line in run::lines_about_errors(world, directory, case.strict)? {
+        print(world, &line);
+    }
+    run::refuse_missed(world, directory, case.strict)
 }
 
 /// The case that `args` ask to run, and the directory of its results. Collective.

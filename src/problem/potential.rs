@@ -7,8 +7,9 @@
 //!
 //! Inside an element, along an axis of degree 0, `V` is linear between the two faces. For a higher
 //! degree it is the polynomial of degree 8 through the formula's values at Gauss–Lobatto points of
-//! the element; its derivative at a node is the slope there. A table that is constant around its
-//! points has, in the whole element, the value at the element's centre.
+//! the element; the slopes at the nodes are those of its derivative, projected in L2 onto the
+//! degree of the element. So the slopes add up to the difference of `V` between the faces. A table
+//! that is constant around its points has, in the whole element, the value at the element's centre.
 
 mod curvature;
 mod edges;
@@ -22,7 +23,7 @@ pub use crate::problem::potential::edges::{
     MOST_STRAY_EDGES, RegionWidth, StrayEdge, region_edges, region_widths, unresolved_regions,
 };
 
-pub use crate::problem::potential::pieces::{is_one_piece, region, space_point};
+pub use crate::problem::potential::pieces::{energy_scale, is_one_piece, region, space_point};
 pub use crate::problem::potential::values::KINK;
 
 use crate::base::error::Result;

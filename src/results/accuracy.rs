@@ -49,6 +49,15 @@ impl EstimatedErrors {
         Self { grid: GridErrorPair { field, density }, ..self }
     }
 
+    /// These errors, but that of the density at least the part `share` of the kinetic energy by
+    /// which paths are off, if it is no larger than that of `f`. The density is shifted as a whole
+    /// then, so that neither its own coefficients nor the square of the error of `f` show it.
+    pub fn density_at_least(self, share: f64) -> Self {
+        let least = self.grid.field.map_or(share, |error| error.min(share));
+        let density = self.grid.density.map(|error| error.max(least));
+        Self { grid: GridErrorPair { density, ..self.grid }, ..self }
+    }
+
     /// The errors of the grid, where that of the density is no larger than what `particles` and its
     /// own coefficients leave room for.
     pub fn within(self, particles: ParticleErrors) -> GridErrorPair {

@@ -18,12 +18,14 @@
 use crate::base::error::Result;
 use crate::base::memory;
 use crate::matrix::elements::{apply_along_all, for_each_element};
-use crate::matrix::observables::{CellVolumes, VelocityFactors};
+use crate::matrix::observables::{CellVolumes, Totals, VelocityFactors};
 use crate::matrix::projection::legendre_transform;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::Case;
 use crate::problem::grid::{Cell, PhaseSpace};
+use crate::problem::potential::energy_scale;
+use crate::problem::potential::resolution::largest_difference_on_elements;
 use crate::propagate::limiter::half_difference;
 use crate::results::accuracy::{EstimatedErrors, GridErrorPair};
 use crate::scheme::interface::law_of;
@@ -38,6 +40,8 @@ const LEAST_KNOWN: f64 = 0.1;
 const COEFFICIENTS_FACTOR: f64 = 3.0;
 /// Least ratio of a coefficient to the one before it, at a front.
 const LEAST_RATIO_AT_FRONTS: f64 = 0.5;
+/// Factor on the relative error of the energy in the estimate of the density.
+const POTENTIAL_FACTOR: f64 = 2.0;
 /// The ratio that is assumed for degree 1, whose coefficients do not show one.
 const RATIO_OF_DEGREE_1: f64 = 0.5;
 
@@ -72,6 +76,16 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
     let interpolates = !with_elements && law_of(prepared.case.interface).may_grow();
     let interpolation = interpolates.then(|| interpolation_error(prepared, f));
     Ok(EstimatedErrors { grid, density_shown: known(density_shown), interpolation })
+}
+
+/// About the part of the kinetic energy by which paths are off, as elements take `V` as a
+/// polynomial: a kink within an element is rounded, and a steep slope smoothed. The mean kinetic
+/// energy is the lower one of the data at the start and at the end, with these `totals`.
+pub fn of_the_potential(case: &Case, totals: [Option<Totals>; 2]) -> f64 {
+    let mean = |totals: Totals| totals.kinetic / totals.mass;
+    let known = totals.into_iter().flatten().map(mean).filter(|energy| *energy > 0.0);
+    let energy = known.reduce(f64::min).unwrap_or_else(|| energy_scale(&case.space));
+    POTENTIAL_FACTOR * largest_difference_on_elements(case) / energy
 }
 
 /// A bound on the relative L2 error of linear interpolation of `f` between the velocities, by its

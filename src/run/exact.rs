@@ -5,7 +5,7 @@ pub mod sheets;
 pub mod solution;
 pub mod velocities;
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::log::eprint_wrapped;
 use crate::base::progress::Progress;
 use crate::matrix::observables::{Moments, VelocityFactors};
@@ -21,7 +21,7 @@ use crate::run::exact::velocities::VelocityIntegrals;
 use crate::run::exact::velocities::limits::most_at;
 use crate::solve::rank_cells::RankCells;
 use std::ops::Range;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// The exact solution of a run on a rank's share.
 #[derive(Default)]
@@ -60,15 +60,20 @@ pub struct ExactTask<'a> {
     pub rank_cells: &'a RankCells,
     /// Whether this rank reports if it takes long.
     pub prints: bool,
+    /// The time that the program may take, if it is limited.
+    pub walltime: Option<Duration>,
+    /// The start of the program.
+    pub program_start: Instant,
 }
 
 impl ExactTask<'_> {
     /// The exact solution; empty if the case names none. Collective.
     ///
     /// # Errors
-    /// A formula or a start of a characteristic that is not finite, the same on all ranks.
+    /// A formula or a start of a characteristic that is not finite, or [`Error::WallTime`], the
+    /// same on all ranks.
     pub fn run(&self) -> Result<ExactRun> {
-        let Self { world, case, rank_cells, prints } = *self;
+        let Self { world, case, rank_cells, prints, .. } = *self;
         let mut run = ExactRun::default();
         let Some(exact) = &case.exact else { return Ok(run) };
         let times = times(case);
@@ -80,6 +85,7 @@ impl ExactTask<'_> {
                 Some(values_of) => self.at_time(time, values_of, &mut watch)?,
                 None => self.moments_of_sheet(time)?,
             };
+            world.agree(self.in_time())?;
             run.moments.push(found.moments);
             if time == case.end {
                 (run.exact, run.density_errors) = (Some(found.exact), found.density_errors);
@@ -88,6 +94,24 @@ impl ExactTask<'_> {
         }
         watch.progress.finish();
         Ok(run)
+    }
+
+    /// An error if the wall time is over on this rank.
+    fn in_time(&self) -> Result<()> {
+        let Some(wall) = self.walltime.filter(|wall| self.program_start.elapsed() >= *wall) else {
+            return Ok(());
+        };
+        let at_end = match times(self.case).len() {
+            1 => "",
+            _ => "exact.moments = \"end\" computes it at time.end only; ",
+        };
+        Err(Error::WallTime {
+            seconds: wall.as_secs_f64(),
+            why: format!(
+                "the exact solution, which comes before the modes, takes longer; \
+                 {at_end}{WITHOUT_EXACT_SOLUTION}"
+            ),
+        })
     }
 
     /// The exact moments of measure-valued data at a time, as averages over cells. Collective.
@@ -120,11 +144,14 @@ impl ExactTask<'_> {
             ExactValues::Traced(_) => {
                 let at_points = |points: &[[f64; 6]]| {
                     watch.progress.advance(points.len());
-                    values_of.values_at(points, time)
+                    match self.in_time() {
+                        Ok(()) => values_of.values_at(points, time),
+                        Err(_) => vec![0.0; points.len()],
+                    }
                 };
                 let values = sample_with(space, &rank_cells.part(), at_points);
                 if values.iter().all(|f| f.is_finite()) {
-                    Ok(values)
+                    self.in_time().map(|()| values)
                 } else {
                     let place = "where a characteristic of exact.kind = \"characteristics\" begins";
                     Err(case.fields[0].initial.undefined(f64::NAN, place.to_owned()))
@@ -144,9 +171,13 @@ impl ExactTask<'_> {
                 let mut found = Vec::new();
                 let cells: Vec<_> = box_cells(&rank_cells.share).collect();
                 for cells in cells.chunks(TOGETHER) {
+                    if self.in_time().is_err() {
+                        break;
+                    }
                     found.extend(integrals.on_cells(case, cells));
                     watch.progress.advance(cells.len() * watch.work.integral);
                 }
+                world.agree(self.in_time())?;
                 let errors = found.iter().map(|integral| integral.error).collect();
                 let moments = found.into_iter().map(|integral| integral.moments);
                 (Moments::new(world, space.dimension(), moments), errors)

@@ -1,5 +1,6 @@
 //! The options of a run.
 
+use crate::problem::case::Case;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -23,6 +24,8 @@ pub struct Options {
 /// The result directory of a run, and its options.
 #[derive(Clone, Copy)]
 pub struct Output<'a> {
+    /// The case as the user gave it.
+    pub given: &'a Case,
     /// The result directory.
     pub directory: &'a Path,
     /// The options.

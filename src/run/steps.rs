@@ -1,6 +1,6 @@
 //! The steps of the driver, in the order in which [`super::compute`] calls them.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Result};
 use crate::base::lock::DirectoryLock;
 use crate::matrix::observables::{CellVolumes, Moments, Totals};
 use crate::parallel::communicator::{Group, World};
@@ -9,6 +9,7 @@ use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Exact};
 use crate::results::accuracy::{EstimatedErrors, ParticleErrors, is_large};
 use crate::results::dataset::{EarlyResult, PlateauPoint};
+use crate::results::finished::{is_finished, refuse_to_replace};
 use crate::results::ledger::Ledger;
 use crate::results::provenance::provenance;
 use crate::results::result_grid::ResultGrid;
@@ -105,8 +106,8 @@ impl<'a> Driver<'a> {
     /// directory. Collective.
     ///
     /// # Errors
-    /// As [`ProvisionalPlan::new`] and [`Prepared::new`]; where the results cannot be written or
-    /// the directory is locked.
+    /// As [`ProvisionalPlan::new`] and [`Prepared::new`]; where the results cannot be written, or
+    /// the directory is locked or holds the results of another run.
     pub fn prepare(&mut self, reduced: &ReducedCase) -> Result<PlannedRun> {
         let ReducedCase { case, result_grid } = reduced;
         let resources = Resources {
@@ -125,13 +126,15 @@ impl<'a> Driver<'a> {
     /// Step 4: the exact solution on this rank's share, if the case names one. Collective.
     ///
     /// # Errors
-    /// Where the exact solution is not finite.
+    /// As [`ExactTask::run`].
     pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
         let task = ExactTask {
             world: &planned.prepared.communicator.world,
             case: &reduced.result_grid.case,
             rank_cells: &planned.rank_cells,
             prints: self.log.prints,
+            walltime: self.output.and_then(|output| output.options.walltime),
+            program_start: self.world.started,
         };
         let exact_run = task.run()?;
         if exact_run.exact.is_some() {
@@ -313,6 +316,7 @@ impl<'a> Driver<'a> {
         let known = self.summary.mass_exact;
         self.summary.mass_exact = known.or_else(|| exact.moments.last().map(mass));
         let mut ledger = start.ledger;
+        let totals = [start.totals, Some(results.totals)];
         ledger.close(start.totals, results.totals, start.entered);
         self.log.warn_later(ledger.warnings());
         self.summary.ledger = Some(ledger);
@@ -337,7 +341,9 @@ impl<'a> Driver<'a> {
         let interpolation = compared.estimated.interpolation;
         let share = |ledger: &Ledger| ledger.interface_share(interpolation);
         let by_interface = self.summary.ledger.as_ref().and_then(share);
+        let by_potential = estimates::of_the_potential(&case, totals);
         let estimated = compared.estimated.at_least(by_interface.unwrap_or(0.0));
+        let estimated = estimated.density_at_least(by_potential);
         self.summary.judge(&prepared.case, estimated);
         Solution {
             case,
@@ -356,9 +362,20 @@ impl<'a> Driver<'a> {
 
     /// Checks that the results can be written, and locks the directory for this run; the first rank
     /// has the lock. `case` is that of the results. Collective.
+    ///
+    /// # Errors
+    /// As [`results::prepare`] and [`refuse_to_replace`]; [`Error::FinishedByOthers`].
     fn lock(&mut self, case: &Case) -> Result<Option<DirectoryLock>> {
-        let Some(Output { directory, .. }) = self.output else { return Ok(None) };
-        let lock = results::prepare(&self.world.group(), directory, case)?;
+        let Some(Output { given, directory, options }) = self.output else { return Ok(None) };
+        let world = self.world.group();
+        let lock = results::prepare(&world, directory, case)?;
+        // Another run may have ended here since this one looked.
+        if !options.force {
+            refuse_to_replace(&world, directory, given, options.resume)?;
+        }
+        if options.resume && matches!(is_finished(&world, directory, given), Ok(true)) {
+            return Err(Error::FinishedByOthers);
+        }
         if let Some(why) = lock.as_ref().and_then(|lock| lock.unlocked.as_ref()) {
             let directory = directory.display();
             self.log.warn(format!(

@@ -54,7 +54,7 @@ fn variation_in_cells(case: &Case) -> Option<String> {
         norm += f * f;
     }
     let relative = (distance / norm).sqrt();
-    (relative > LARGE).then(|| {
+    (relative > LARGE && relative.is_finite()).then(|| {
         format!(
             "initial.f varies within the cells: their values at the centres are {} off (relative \
              L2), which an estimate of the grid's error does not see; take more cells or {} above \

@@ -23,6 +23,7 @@ pub mod watch;
 
 use crate::base::error::{Error, Result};
 use crate::base::log::eprint_wrapped;
+use crate::base::text::seconds_text;
 use crate::parallel::communicator::Communicator;
 use crate::parallel::partition::ProcessMesh;
 use crate::plan::balance::Batch;
@@ -58,6 +59,8 @@ pub struct Checkpoints<'a> {
     store: &'a mut Store,
     watch: Watch,
     wall_seconds: Option<f64>,
+    /// Seconds of the program before the modes.
+    set_up_seconds: f64,
     size: RunSize,
     /// The checkpoint to continue from, taken when the run begins.
     pub resumed: Option<ResumePoint<'a>>,
@@ -80,6 +83,7 @@ impl<'a> Checkpoints<'a> {
             mesh,
             store,
             wall_seconds: times.wall.map(|(_, wall)| wall.as_secs_f64()),
+            set_up_seconds: times.wall.map_or(0.0, |(start, _)| start.elapsed().as_secs_f64()),
             watch: Watch::new(communicator, times),
             size,
             resumed,
@@ -113,7 +117,7 @@ impl<'a> Checkpoints<'a> {
                 }
                 CommonDecision::Finished | CommonDecision::Failed => return Ok(true),
                 CommonDecision::StopByWallTime if world.sum_count(self.watch.batches) == 0 => {
-                    return Err(Error::WallTime { seconds: self.wall_seconds.unwrap_or(0.0) });
+                    return Err(self.too_late());
                 }
                 CommonDecision::Write
                 | CommonDecision::StopBySignal
@@ -127,6 +131,18 @@ impl<'a> Checkpoints<'a> {
                 Some(why) => return Err(self.stopped(why, written?, snapshot.state.stage)),
                 None => self.count(written),
             }
+        }
+    }
+
+    /// The error of a wall time that does not suffice for one batch.
+    fn too_late(&self) -> Error {
+        Error::WallTime {
+            seconds: self.wall_seconds.unwrap_or(0.0),
+            why: format!(
+                "not one batch of modes was finished after a set-up of {}; it takes a longer time, \
+                 or more ranks",
+                seconds_text(self.set_up_seconds)
+            ),
         }
     }
 

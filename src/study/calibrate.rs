@@ -30,14 +30,15 @@ use crate::parallel::partition::ProcessMesh;
 use crate::plan::here::memory_per_rank;
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Integrator};
 use crate::problem::grid::{Axis, PhaseSpace};
-use crate::propagate::classical::{EXACT, ROUGH, poisson_window};
 use crate::results::result_file::most_bytes;
+use crate::results::result_grid::ResultGrid;
 use crate::results::warped::all_bytes;
 use crate::run::errors::exact_points;
 use crate::run::exact::ExactTask;
 use crate::run::exact::velocities::limits::expected_points;
+use crate::run::ledger;
 use crate::run::planning;
 use crate::solve::prepared::Prepared;
 use crate::study::calibrate::timing::SolveTime;
@@ -132,10 +133,20 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<Ca
         block = run.block(&plan, &mut watch)?;
     }
     let mut block = block.with_modes_of(&plan);
+    let part = block.case.clone();
+    if case.verify && plan.warp.is_some() {
+        let reference = Case { integrator: Integrator::Exponential, ..part.clone() };
+        let verify = classical::predict_solve_time(&mut block, &reference)?.solve;
+        watch.seconds.insert("verify".to_owned(), verify);
+    }
     time_observables(&mut block, &mut watch);
+    watch.last = Instant::now();
+    ledger::before_run(&all, &ResultGrid::new(case).case)?;
+    *watch.seconds.entry("observables".to_owned()).or_default() +=
+        watch.last.elapsed().as_secs_f64();
     let SolveTime { solve, application } = match &plan.warp {
         Some(warp) => modes::predict_solve_time(&mut block, warp, run.whole())?,
-        None => classical::predict_solve_time(&mut block)?,
+        None => classical::predict_solve_time(&mut block, &part)?,
     };
     let mut seconds = watch.seconds;
     seconds.insert("solve".to_owned(), solve + seconds_to_read(case, &plan));
@@ -188,7 +199,14 @@ impl CalibratedCase<'_> {
         watch.part("weights", block.system.weight_seconds);
         watch.lap("assemble");
         let (world, rank_cells) = (&block.communicator.world, &block.rank_cells);
-        let exact = ExactTask { world, case: &part, rank_cells, prints: false };
+        let exact = ExactTask {
+            world,
+            case: &part,
+            rank_cells,
+            prints: false,
+            walltime: None,
+            program_start: self.world.started,
+        };
         let found = exact.run()?;
         if found.exact.is_some() {
             let seconds = watch.last.elapsed().as_secs_f64();
@@ -206,34 +224,20 @@ impl CalibratedCase<'_> {
         if self.provisional.warp.is_none() {
             return Ok(self.provisional.clone());
         }
-        let mut bounds = block.system.bounds(&case.space, &self.bounds);
+        let mut bounds = block.bounds.clone();
         let mut ratio = block.probe();
-        if case.verify {
-            let verify = self.seconds_to_verify(block, watch.last.elapsed().as_secs_f64());
-            watch.seconds.insert("verify".to_owned(), verify);
-        }
         watch.lap("probe");
         if !self.whole() {
             // Bounds and ratio of the whole box: measured if that is cheap, else assumed.
             let found = planning::plan(self.world, case, self.resources)?;
             ratio = found.warp.map_or(ratio, |w| w.ratio);
-            bounds = found.bounds;
+            let assembled = found.bounds.assembled.or(bounds.assembled);
+            bounds = Bounds { assembled, ..found.bounds };
         }
         watch.last = Instant::now();
         let plan = self.provisional.measured(case, bounds, self.resources, ratio)?;
         watch.lap("design");
         Ok(plan)
-    }
-
-    /// Seconds that `solver.verify` takes. It applies the matrix like the probe, which took `probe`
-    /// seconds, but to round-off, and to every field on every mode group.
-    fn seconds_to_verify(&self, block: &Prepared, probe: f64) -> f64 {
-        let courant = self.bounds.rate * self.case.duration();
-        let fields = self.case.fields.len();
-        let groups = block.communicator.modes.size();
-        let probed = fields.div_ceil(groups) * poisson_window(courant, ROUGH).end;
-        let wanted = fields * poisson_window(courant, EXACT).end;
-        probe * wanted as f64 / probed as f64
     }
 }
 

@@ -280,7 +280,10 @@ impl Sweep {
         }
         let solved = run::run(world, &case, &run.directory, &options);
         machine::begin(RunPart::Modes);
-        let summary = solved?;
+        let summary = match solved {
+            Err(Error::FinishedByOthers) => return Ok(None),
+            other => other?,
+        };
         if world.group().is_first() {
             summary.report_late_warnings();
         }

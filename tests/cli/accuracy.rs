@@ -91,6 +91,33 @@ fn estimate_rows() -> Vec<EstimateRow> {
     rows
 }
 
+/// A kink of `V` within an element changes no particle's energy, and the estimate of the density
+/// counts what it does to the paths, which its own coefficients do not show.
+#[test]
+fn kinks_within_elements_are_counted_in_the_density() {
+    let rows = [(3, 21, 1.6, 0.013), (3, 42, 1.6, 0.021), (2, 31, 1.2, -0.04), (4, 17, 1.6, 0.013)];
+    check_all(&rows, |(degree, cells, end, kink)| {
+        let place = directory();
+        let path = written(
+            place.path(),
+            &format!(
+                "potential = [{{ value = \"0.5*abs(x - {kink:?})\" }}]\n\
+                 initial.f = \"exp(-((x + 0.3)^2/0.02 + (v - 0.6)^2/0.05))\"\n\
+                 exact.kind = \"characteristics\"\ntime.end = {end}\nscheme.degree = {degree}\n\
+                 solver.method = \"classical\"\n[[axis]]\n\
+                 x = {{ lower = -1, upper = 1.1, cells = {cells} }}\n\
+                 v = {{ lower = -1.5, upper = 1.5, cells = 24 }}\n"
+            ),
+        )?;
+        let summary = Job::new(["run", &path]).solve(&place.path().join("results"))?;
+        let value = |key: &str| accuracy(&summary.value, key);
+        let (density, estimate) = (value("grid_density")?, value("grid_density_estimate")?);
+        summary.holds(at_most("the density", density, 0.02))?;
+        let ratio = estimate / density;
+        summary.require((0.5..30.0).contains(&ratio), || format!("{ratio} times {density:e}"))
+    });
+}
+
 /// Measured errors and their estimates for degrees 0 to 3, mixed degrees and slopes, for smooth and
 /// for discontinuous data, on coarse and on fine grids.
 #[test]

@@ -160,7 +160,8 @@ fn calibrated_plans_equal_those_of_the_run() {
         (2, "example1.toml", vec!["solver.tolerance=1e-9", "output.moments_every=0.3"]),
         (3, "example3.toml", vec!["axis.0.x.cells=12", "axis.1.x.cells=11"]),
         (4, "inflow_barrier.toml", vec![]),
-        (2, "pulsed_inflow.toml", vec![]),
+        (2, "pulsed_inflow.toml", vec!["solver.verify=true"]),
+        (2, "quadrant2d.toml", vec!["axis.0.x.cells=6", "axis.1.x.cells=5"]),
         (1, "example1.toml", vec!["solver.propagator.method=krylov", "axis.0.x.cells=64"]),
         (
             2,
@@ -191,7 +192,16 @@ fn calibrated_plans_equal_those_of_the_run() {
         let seconds = |key: &str| value["calibration"][key].as_f64().unwrap_or(f64::NAN);
         let (solve, wall) = (seconds("solve_seconds"), seconds("wall_seconds"));
         let sensible = solve > 0.0 && wall > solve && wall.is_finite();
-        require(sensible, &finished, || format!("{solve} s of {wall} s"))
+        require(sensible, &finished, || format!("{solve} s of {wall} s"))?;
+        // Every step of the run is predicted, and as much memory as the run itself plans.
+        let of_run = summary.value["seconds"].as_object().ok_or("no seconds")?;
+        let mut steps = of_run.keys().filter(|step| !["start", "readout"].contains(&step.as_str()));
+        let missing = steps.find(|step| value["calibration"]["seconds"].get(step).is_none());
+        require(missing.is_none(), &finished, || format!("no {missing:?} in the prediction"))?;
+        let arrays = value["layout"]["arrays"].as_array().into_iter().flatten();
+        let memory: f64 = arrays.filter_map(|a| a[1].as_f64()).sum();
+        let memory = memory / summary.number("memory_planned_bytes_per_rank")?;
+        summary.holds(near("memory calibrated over planned in the run", memory, 1.0, 0.1))
     };
     check_all(&rows, |(ranks, name, settings)| compare(*ranks, name, settings));
 }

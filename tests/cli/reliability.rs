@@ -231,6 +231,49 @@ fn a_run_without_a_summary_is_not_finished() {
     assert!(differences(&datasets(path).expect("datasets"), &sound).is_empty());
 }
 
+/// A run that waits for another one in its directory looks at the results again when that has
+/// ended: it replaces none without `--force`, and computes none again.
+#[test]
+fn a_run_that_waited_for_another_keeps_its_results() {
+    let waits = |second: Job| -> (PathBuf, tempfile::TempDir, Finished) {
+        let place = directory();
+        let path = place.path().to_owned();
+        let (mut second, mut other) = (Some(second.into(&path).nested()), None);
+        let first = run().into(&path).on(2).closely().run_while(|mpirun, _| {
+            let ranks = children(mpirun.id());
+            if ranks.len() < 2 || !path.join("run.lock").exists() {
+                return;
+            }
+            let Some(second) = second.take() else { return };
+            ranks.iter().for_each(|&rank| send("-STOP", rank));
+            other = Some(std::thread::spawn(move || second.run()));
+            // It looks at the directory, and waits for five seconds.
+            std::thread::sleep(Duration::from_millis(1500));
+            ranks.iter().for_each(|&rank| send("-CONT", rank));
+        });
+        first.expect("the first run").ended(0, &[]).unwrap();
+        let other = other.expect("a second run").join().expect("its thread");
+        (path, place, other.expect("the end of the second run"))
+    };
+    let late = "another run writes into it";
+    let unchanged = |path: &Path| {
+        let summary = crate::support::json_of(path.join("summary.json")).expect("a summary");
+        assert_eq!(summary["tolerance"], 1e-3, "the second run replaced the results");
+    };
+    for resume in [&[][..], &["--resume"]] {
+        let (path, _place, other) =
+            waits(run().set(&["solver.tolerance=2e-3"]).with(resume.iter().copied()));
+        let refused = other.errors.contains("--force") || other.errors.contains(late);
+        assert!(other.code == Some(2) && refused, "{}", other.report("another case"));
+        unchanged(&path);
+    }
+    let (path, _place, same) = waits(run().with(["--resume"]));
+    let kept = same.code == Some(0) && reports_finished(&same);
+    assert!(kept || same.errors.contains(late), "{}", same.report("the same case"));
+    unchanged(&path);
+    on_results("check-result", &path).succeed().unwrap();
+}
+
 /// A second run in the directory of a run whose ranks are stopped is refused. After the ranks
 /// continue, the results of the first run are complete.
 #[test]

@@ -6,6 +6,7 @@ use crate::problem::case::{Case, Region};
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::pieces::{energy_scale, piece, region, space_point, spread};
+use crate::problem::potential::values::{fine_points, slope_matrix};
 
 /// Number of points of an element, along each axis, at which both are compared.
 const POINTS: usize = 12;
@@ -62,26 +63,23 @@ impl LineApproximation {
             let rows = points.iter().map(row).collect();
             return Self { nodes: vec![-1.0, 1.0], points, rows };
         }
-        let (own, fine) = (nodes.reference(), Nodes::of_space(LARGEST_DEGREE).reference());
+        let own = nodes.reference();
         let rule = gauss_legendre(LARGEST_DEGREE);
         let row = |&xi: &f64| {
-            let mut row = vec![0.0; fine.nodes.len()];
+            let mut row = vec![0.0; fine_points().len()];
             row[0] = 1.0;
             for point in rule.iter().map(|point| point.moved_to([-1.0, xi])) {
-                let slopes = own.values_at(point.node).into_iter().zip(&own.nodes);
-                for (weight, node) in slopes {
-                    let at_node = fine.values_at(*node).into_iter().zip(&fine.derivative);
-                    for (share, derivative) in at_node {
-                        for (sum, d) in row.iter_mut().zip(derivative) {
-                            *sum += point.weight * weight * share * d;
-                        }
+                let slopes = own.values_at(point.node).into_iter().zip(slope_matrix(nodes));
+                for (weight, slope) in slopes {
+                    for (sum, d) in row.iter_mut().zip(slope) {
+                        *sum += point.weight * weight * d;
                     }
                 }
             }
             row
         };
         let rows = points.iter().map(row).collect();
-        Self { nodes: fine.nodes.clone(), points, rows }
+        Self { nodes: fine_points().to_vec(), points, rows }
     }
 }
 
@@ -115,11 +113,49 @@ impl Differences {
 /// [`unresolved_regions`](crate::problem::potential::unresolved_regions) finds edges that miss the
 /// faces.
 pub fn largest_mismatches(case: &Case) -> Vec<PotentialMismatch> {
+    let limit = |[least, most]: [f64; 2]| {
+        (LEAST_DIFFERENCE * (most - least)).max(LEAST_PART_OF_ENERGY * energy_scale(&case.space))
+    };
+    let beyond = |ComparedRegion { axes, range }: ComparedRegion| {
+        axes.into_iter().filter_map(move |found| found.beyond(limit(range)))
+    };
+    compared(case).into_iter().flat_map(beyond).collect()
+}
+
+/// The largest difference of `V` and the scheme's approximation along axes of degree 1 and more.
+pub fn largest_difference_on_elements(case: &Case) -> f64 {
+    let with_elements = |a: &usize| case.space.x[*a].nodes.degree > 0;
+    let axes: Vec<usize> = (0..case.space.dimension()).filter(with_elements).collect();
+    if axes.is_empty() {
+        return 0.0;
+    }
+    let regions = compared(case).into_iter();
+    let worst = regions.flat_map(|region| axes.clone().into_iter().map(move |a| region.worst(a)));
+    worst.fold(0.0, f64::max)
+}
+
+/// The comparison in a region along all axes.
+#[derive(Clone)]
+struct ComparedRegion {
+    axes: [Differences; MAX_DIMENSION],
+    /// The least and the largest value of `V`.
+    range: [f64; 2],
+}
+
+impl ComparedRegion {
+    /// The largest difference along an axis.
+    fn worst(&self, axis: usize) -> f64 {
+        self.axes[axis].worst.as_ref().map_or(0.0, PotentialMismatch::difference)
+    }
+}
+
+/// The comparison on lines through centres of elements, by region.
+fn compared(case: &Case) -> Vec<ComparedRegion> {
     let taken: Vec<LineApproximation> =
         case.space.x.iter().map(|axis| LineApproximation::new(axis.nodes)).collect();
-    let none: [Differences; MAX_DIMENSION] = Default::default();
+    let range = [f64::INFINITY, f64::NEG_INFINITY];
+    let none = ComparedRegion { axes: Default::default(), range };
     let mut found = vec![none; case.potential.len()];
-    let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; found.len()];
     let axes = &case.space.by_elements().x;
     for element in spread(axes, MOST_LINES / taken.len()) {
         let centre = space_point(axes, &element);
@@ -135,18 +171,12 @@ pub fn largest_mismatches(case: &Case) -> Vec<PotentialMismatch> {
                 point[a] = case.space.x[a].at(element[a] as i64, *xi);
                 point
             };
-            let place =
-                worst_on_line(&case.potential, taken, own.region, at, &mut ranges[own.region]);
-            found[own.region][a].add(PotentialMismatch { axis: a, ..place });
+            let found = &mut found[own.region];
+            let place = worst_on_line(&case.potential, taken, own.region, at, &mut found.range);
+            found.axes[a].add(PotentialMismatch { axis: a, ..place });
         }
     }
-    let limits = ranges.into_iter().map(|[least, most]| {
-        (LEAST_DIFFERENCE * (most - least)).max(LEAST_PART_OF_ENERGY * energy_scale(&case.space))
-    });
-    let regions = found.into_iter().zip(limits);
-    regions
-        .flat_map(|(axes, limit)| axes.into_iter().filter_map(move |found| found.beyond(limit)))
-        .collect()
+    found
 }
 
 /// The point of the largest difference, within region `own`, on the line of an element whose points

@@ -1,13 +1,17 @@
 //! `V` at points, and what the scheme takes from it: jumps at faces, slopes at cells.
 
 use crate::base::error::Error;
+use crate::base::quadrature::legendre_values;
 use crate::problem::case::Case;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::{MAX_DIMENSION, describe_point};
 use crate::problem::potential::pieces::{PotentialPiece, piece, space_point};
+use std::sync::OnceLock;
 
 /// A jump below this fraction of `V` is round-off of two formulas that agree at the face.
 pub const KINK: f64 = 1e-13;
+/// Differences of `V` from a line below this fraction of `V` are round-off.
+const ROUND_OFF: f64 = 4.0 * f64::EPSILON;
 
 /// Evaluates a case's potential, and remembers the first value that is not finite.
 pub(super) struct PotentialValues<'c> {
@@ -77,9 +81,8 @@ impl PotentialValues<'_> {
         if jump.abs() <= KINK * scale { [0.0, slope] } else { [jump, slope] }
     }
 
-    /// `∂V/∂x_a` at node `node` of `element`, on the line along axis `a` through `point`, from
-    /// values at the Gauss–Lobatto points of the largest degree. It is exactly zero if `V` is
-    /// constant.
+    /// `∂V/∂x_a` at node `node` of `element`, on the line along axis `a` through `point`, as
+    /// [`slope_at`] takes it.
     fn derivative(
         &mut self,
         point: &[f64; 6],
@@ -89,17 +92,97 @@ impl PotentialValues<'_> {
         node: usize,
     ) -> f64 {
         let axis = &self.case.space.x[a];
-        let fine = Nodes::of_space(LARGEST_DEGREE).reference();
         let mut point = *point;
-        let values: Vec<f64> = (fine.nodes.iter())
+        let values: Vec<f64> = (fine_points().iter())
             .map(|&xi| {
                 point[a] = axis.at(element, xi);
                 self.value(piece, &point)
             })
             .collect();
-        let slopes: Vec<f64> = (fine.derivative.iter())
-            .map(|row| row.iter().zip(&values).map(|(d, v)| d * (v - values[0])).sum())
-            .collect();
-        fine.interpolate(&slopes, axis.nodes.reference().nodes[node]) * 2.0 / axis.width()
+        slope_at(axis.nodes, node, &values) * 2.0 / axis.width()
+    }
+}
+
+/// The points of the reference element at which `V` is evaluated.
+pub(super) fn fine_points() -> &'static [f64] {
+    &Nodes::of_space(LARGEST_DEGREE).reference().nodes
+}
+
+/// The slope at node `node` of an element with the `values` of `V` at [`fine_points`], along the
+/// reference element, by [`slope_matrix`]. Where `V` is linear up to round-off, the bits are equal
+/// at all nodes; where it is constant, the slope is exactly zero.
+fn slope_at(nodes: Nodes, node: usize, values: &[f64]) -> f64 {
+    let [first, .., last] = values else { return 0.0 };
+    let mean = 0.5 * (last - first);
+    let beside_line = |(xi, v): (&f64, &f64)| v - first - mean * (1.0 + xi);
+    let rest: Vec<f64> = fine_points().iter().zip(values).map(beside_line).collect();
+    let largest = |all: &[f64]| all.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+    if largest(&rest) <= ROUND_OFF * largest(values) {
+        return mean;
+    }
+    mean + slope_matrix(nodes)[node].iter().zip(&rest).map(|(d, v)| d * v).sum::<f64>()
+}
+
+/// Maps the values of `V` at [`fine_points`] to the slopes at `nodes`, along the reference element:
+/// the derivative of the polynomial through these values, projected in L2 onto the degree of the
+/// nodes. So their quadrature is the difference of `V` between the faces: a particle that crosses
+/// the element has the energy that `V` gives it, even if `V` has a kink there.
+pub(super) fn slope_matrix(nodes: Nodes) -> &'static [Vec<f64>] {
+    static TABLE: OnceLock<Vec<Vec<Vec<f64>>>> = OnceLock::new();
+    let all = (0..=LARGEST_DEGREE).map(Nodes::of_space);
+    &TABLE.get_or_init(|| all.map(projected_slopes).collect())[nodes.degree]
+}
+
+/// [`slope_matrix`] of `nodes`, by Lobatto's rule at the fine points, which is exact here.
+fn projected_slopes(nodes: Nodes) -> Vec<Vec<f64>> {
+    let fine = Nodes::of_space(LARGEST_DEGREE).reference();
+    let degree = nodes.degree;
+    let legendre: Vec<_> = fine.nodes.iter().map(|xi| legendre_values(degree, *xi)).collect();
+    let row = |xi: &f64| {
+        let here = legendre_values(degree, *xi);
+        let mut row = vec![0.0; fine.nodes.len()];
+        for ((there, weight), derivative) in
+            legendre.iter().zip(&fine.weights).zip(&fine.derivative)
+        {
+            let kernel = here.iter().zip(there).enumerate();
+            let kernel: f64 = kernel.map(|(j, (a, b))| (j as f64 + 0.5) * a * b).sum();
+            for (sum, d) in row.iter_mut().zip(derivative) {
+                *sum += weight * kernel * d;
+            }
+        }
+        row
+    };
+    nodes.reference().nodes.iter().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Slopes of polynomials of a degree up to `k + 1` are those at the nodes. For any values, the
+    /// quadrature of the slopes is the difference between the faces.
+    #[test]
+    fn slopes_are_exact_for_polynomials_and_add_up_to_the_difference() {
+        for degree in 1..=LARGEST_DEGREE {
+            let nodes = Nodes::of_space(degree);
+            let slopes = |values: &[f64]| -> Vec<f64> {
+                (0..=degree).map(|node| slope_at(nodes, node, values)).collect()
+            };
+            let line: Vec<f64> = fine_points().iter().map(|xi| 0.7 * xi + 0.1).collect();
+            assert!(slopes(&line).iter().all(|slope| *slope == 0.5 * (line[8] - line[0])));
+            assert_eq!(slopes(&[0.3; 9]), vec![0.0; degree + 1]);
+            let reference = nodes.reference();
+            for power in 1..=(degree + 1).min(LARGEST_DEGREE) as i32 {
+                let values: Vec<f64> = fine_points().iter().map(|xi| xi.powi(power)).collect();
+                for (found, xi) in slopes(&values).iter().zip(&reference.nodes) {
+                    let exact = f64::from(power) * xi.powi(power - 1);
+                    assert!((found - exact).abs() < 1e-11, "{degree} {power}: {found} {exact}");
+                }
+            }
+            let kink: Vec<f64> = fine_points().iter().map(|xi| (xi - 0.3).abs()).collect();
+            let rule = slopes(&kink).into_iter().zip(&reference.weights);
+            let sum: f64 = rule.map(|(slope, weight)| slope * weight).sum();
+            assert!((sum - (0.7 - 1.3)).abs() < 1e-12, "{degree}: {sum}");
+        }
     }
 }

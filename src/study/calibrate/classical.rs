@@ -8,17 +8,18 @@ use crate::solve::prepared::Prepared;
 use crate::study::calibrate::timing::{PARTS, SolveTime, TimedWork, line};
 use std::time::Instant;
 
-/// Predicted seconds of the classical steps on the block of `prepared`. Collective.
+/// Predicted seconds of the classical steps of all fields on the block of `prepared`, by the
+/// integrator of `case`. Collective.
 ///
 /// # Errors
 /// As [`Reconstruction::new`].
-pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
-    let Prepared { case, plan, communicator, system, .. } = prepared;
-    let (case, world) = (&*case, &communicator.world);
+pub fn predict_solve_time(prepared: &mut Prepared, case: &Case) -> Result<SolveTime> {
+    let Prepared { plan, communicator, system, .. } = prepared;
+    let world = &communicator.world;
     let fields = case.fields.len();
+    let steps = |case: &Case| classical_steps(case, &plan.bounds).iter().sum::<usize>() * fields;
     let mut trial = |part: usize| -> Result<TimedWork> {
         let shortened = cut_in_time(case, part);
-        let steps: usize = classical_steps(&shortened, &plan.bounds).iter().sum();
         world.barrier();
         let started = Instant::now();
         for (k, start) in system.states.iter().enumerate() {
@@ -30,12 +31,11 @@ pub fn predict_solve_time(prepared: &mut Prepared) -> Result<SolveTime> {
             classical.integrate_legs(exchange, &shortened, &plan.bounds, &mut state, nothing);
         }
         let seconds = world.max(started.elapsed().as_secs_f64());
-        Ok(TimedWork { seconds, cost: (fields * steps) as f64 })
+        Ok(TimedWork { seconds, cost: steps(&shortened) as f64 })
     };
     let line = line(&mut trial)?;
-    let all = (fields * plan.classical_steps) as f64;
     let application = line.rate / case.integrator.stages() as f64;
-    Ok(SolveTime { solve: line.fixed + line.rate * all, application })
+    Ok(SolveTime { solve: line.fixed + line.rate * steps(case) as f64, application })
 }
 
 /// `case` with every leg cut down to `part` of [`PARTS`] equal parts.

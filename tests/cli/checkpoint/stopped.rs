@@ -530,6 +530,19 @@ fn a_walltime_too_short_for_any_work_is_an_error() {
     finished.ended(2, &["--walltime 0.01"]).unwrap();
 }
 
+/// The wall time counts while the exact solution is computed, which comes before the modes.
+#[test]
+fn a_walltime_too_short_for_the_exact_solution_names_it() {
+    let directory = directory();
+    let job = of_case("run", "lens2d.toml").set(&["output.moments_every=0.05"]);
+    for ranks in [1, 2] {
+        let finished = job.clone().on(ranks).into(directory.path()).with(["--walltime", "2s"]);
+        let wording = ["--walltime 2: the exact solution", "exact.moments", "--set exact={}"];
+        finished.run().expect("a run").ended(2, &wording).unwrap();
+        assert!(names_in(directory.path()).is_empty(), "{:?}", names_in(directory.path()));
+    }
+}
+
 /// A run that is killed while it removes its checkpoints leaves parts of them beside its finished
 /// results.
 #[test]
