@@ -316,6 +316,13 @@ def test_plans_of_many_ranks(small: pw.Case) -> None:
     assert len(one) == 1 and one["seconds"][0] > 0
 
 
+def test_negative_numbers_are_refused_by_name(small: pw.Case, tmp_path: Path) -> None:
+    with pytest.raises(pw.CaseError, match="--ranks"):
+        pw.plan(small, -1)
+    with pytest.raises(pw.CaseError, match="--walltime"):
+        pw.run(small, tmp_path / "negative", walltime=-1)
+
+
 def np_of(mesh: dict[str, list[int] | int]) -> int:
     """Return the number of ranks of a mesh in one dimension."""
     space, groups = mesh["space"], mesh["groups"]
@@ -324,7 +331,7 @@ def np_of(mesh: dict[str, list[int] | int]) -> int:
 
 
 def test_other_commands(small: pw.Case) -> None:
-    advice = pw.advise(small, accuracy=0.3, budget="2s")
+    advice = pw.advise(small, accuracy=0.3, budget="2s", reproducible=True)
     assert advice["entries"][advice["best"]]["error"] <= 0.3
     assert pw.resources(small)["qubits"]
     choices = pw.optimise(small)

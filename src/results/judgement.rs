@@ -3,7 +3,7 @@
 
 use crate::problem::case::{Case, Data, Integrator, Method};
 use crate::results::accuracy::{
-    Accuracy, EstimatedErrors, GridErrorPair, STAIRCASE, hides_staircase, is_large,
+    Accuracy, EstimatedErrors, GridErrorPair, PARTS_OF_SPACE, STAIRCASE, hides_staircase, is_large,
 };
 use crate::results::summary::Summary;
 use crate::results::verdict::{FAR_ABOVE, MissedGoals, Verdict};
@@ -121,8 +121,13 @@ impl Summary {
                 Data::Density => "jumps of V or ends of the box are nearly everywhere",
                 Data::Measure { .. } => "there is no estimate for measure-valued data",
             };
-            let small = "; particles of the exact flow show no error of the density above a tenth";
-            let small = accuracy.particles.density.map_or("", |_| small);
+            let dimension = case.space.dimension();
+            let parts = PARTS_OF_SPACE[dimension - 1].pow(dimension as u32);
+            let small = format!(
+                "; particles of the exact flow show no error of the density above a tenth in \
+                 {parts} parts of space"
+            );
+            let small = accuracy.particles.density.map_or(String::new(), |_| small);
             let measured = "; [exact] kind = \"characteristics\" measures it";
             let measured =
                 if case.reflects() || case.warped_start.is_some() { "" } else { measured };

@@ -35,9 +35,9 @@ def options(**values: Option) -> list[str]:
         if value is True:
             words.append(option)
         elif isinstance(value, str | int | float) and value is not False:
-            words += [option, str(value)]
+            words.append(f"{option}={value}")
         elif isinstance(value, Iterable):
-            words += [option, ",".join(str(whole(name, item)) for item in value)]
+            words.append(f"{option}=" + ",".join(str(whole(name, item)) for item in value))
     return words
 
 
@@ -175,6 +175,7 @@ def advise(
     accuracy: float = 1e-2,
     *,
     budget: str = "60s",
+    reproducible: bool = False,
     ranks: int = 1,
     timeout: float | None = None,
     program: StrPath | None = None,
@@ -192,10 +193,12 @@ def advise(
         Relative L1 error of the density at the end.
     budget
         Time for the trials, as ``"60s"``.
+    reproducible
+        Count the work of the trials in place of their time: the same advice on every machine.
     ranks, timeout, program
         As for :func:`run`.
     """
-    given = options(accuracy=accuracy, budget=budget, json=True)
+    given = options(accuracy=accuracy, budget=budget, reproducible=reproducible, json=True)
     with as_case(case).arguments() as words:
         return as_dict(
             call(["advise", *words, *given], ranks=ranks, timeout=timeout, program=program)
