@@ -160,7 +160,8 @@ may_go_on() {
 # solve_in_jobs CASE RESULTS [OPTION]…: checks, plans and solves a case, and ends the script with
 # the program's code. A job that stopped with a checkpoint submits another: the words `again`.
 solve_in_jobs() {
-    local ranks=${SLURM_NTASKS:-2} case=$1 results=$2 jobs=${PHASEWARP_JOBS:-1} # with this one
+    local ranks=${SLURM_NTASKS:-${default_ranks:-2}} case=$1 results=$2
+    local jobs=${PHASEWARP_JOBS:-1} # with this one
     local before after code=0
     shift 2
     if [ "$jobs" -eq 1 ]; then

@@ -8,6 +8,7 @@
 
 pub mod accuracy;
 pub mod averages;
+pub mod chosen_setup;
 pub mod continued_result;
 pub mod dataset;
 pub mod draw;

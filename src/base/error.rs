@@ -304,7 +304,7 @@ pub enum Error {
         /// All runs.
         runs: usize,
     },
-    /// The wall time did not suffice for one batch of modes.
+    /// The wall time did not suffice for the exact solution, or for one batch of modes.
     #[error("--walltime {seconds}: {why}")]
     WallTime {
         /// The time given, in seconds.

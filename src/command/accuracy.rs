@@ -19,18 +19,15 @@ pub fn with_choice(world: &World, case: &Case, args: &RunArgs, directory: &Path)
     accuracy::stored(world, case, args.accuracy.accuracy.or(case.accuracy)?, directory)
 }
 
-/// The case of a run. If it has an accuracy, [`accuracy::chosen`] chooses its settings, which are
-/// stored in `directory`. Collective.
+/// The case of a run. If it has an accuracy, [`accuracy::chosen`] chooses its settings. Collective.
 ///
 /// # Errors
-/// As [`with_accuracy`]; if the directory cannot be written, or holds a foreign file.
+/// As [`with_accuracy`]; if the directory holds a foreign file.
 pub fn choose(world: &World, case: Case, args: &RunArgs, directory: &Path) -> Result<Case> {
     if !args.force && args.accuracy.accuracy.or(case.accuracy).is_some() {
         accuracy::refuse_foreign(world, directory)?;
     }
-    let found = with_accuracy(world, case.clone(), &args.changes, &args.accuracy)?;
-    accuracy::store(world, &case, &found, directory)?;
-    Ok(found)
+    with_accuracy(world, case, &args.changes, &args.accuracy)
 }
 
 /// `case`, which was loaded with `changes`; with the settings that [`accuracy::chosen`] chooses if

@@ -15,6 +15,7 @@ use crate::results::finished::refuse_to_replace;
 use crate::results::summary::Summary;
 use crate::run;
 use crate::run::options::Options;
+use crate::study::accuracy::choice;
 use std::path::{Path, PathBuf};
 
 /// Written as soon as a signal requests a stop.
@@ -33,10 +34,14 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     set_stop_messages(world, STOP_MESSAGES);
     machine::begin(RunPart::SetUp);
     let (given, directory) = run_request(world, args)?;
-    let case = match args.continued {
+    let (case, chosen) = match args.continued {
         // A continued run keeps its grid.
-        Some(_) => given,
-        None => on_its_grid(world, given, args, &directory)?,
+        Some(_) => (given, None),
+        None => {
+            let case = on_its_grid(world, given.clone(), args, &directory)?;
+            let chosen = choice(&given, &case);
+            (case, chosen)
+        }
     };
     if case.method != Method::Schrodingerized {
         machine::begin(RunPart::Classical);
@@ -50,7 +55,9 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
     let options = Options {
         ranks_x: args.ranks_x.clone(),
         resume: args.resume,
+        keeps_finished: false,
         force: args.force,
+        chosen,
         walltime: args.walltime,
         stop: machine::stop_flag(),
     };

@@ -162,6 +162,7 @@ impl fmt::Display for JobScript {
         writeln!(f, "program=${{PHASEWARP:-}}")?;
         writeln!(f, "[ -n \"$program\" ] || program={}", quoted(&self.program))?;
         writeln!(f, "again=({})", quoted(&self.script))?;
+        writeln!(f, "default_ranks={ranks} # without Slurm")?;
         write!(f, "solve_in_jobs")?;
         for word in &self.words {
             write!(f, " \\\n    {}", quoted(word))?;

@@ -48,6 +48,8 @@ pub fn execute(world: &World, args: &SweepArgs) -> Result<()> {
         resume: true,
         force: args.force,
         walltime: args.walltime,
+        keeps_finished: true,
+        chosen: None,
         stop: machine::stop_flag(),
     };
     set_stop_messages(world, STOP_MESSAGES);

@@ -23,7 +23,7 @@ pub use crate::problem::potential::edges::{
     MOST_STRAY_EDGES, RegionWidth, StrayEdge, region_edges, region_widths, unresolved_regions,
 };
 
-pub use crate::problem::potential::pieces::{energy_scale, is_one_piece, region, space_point};
+pub use crate::problem::potential::pieces::{is_one_piece, region, space_point};
 pub use crate::problem::potential::values::KINK;
 
 use crate::base::error::Result;
@@ -51,7 +51,8 @@ pub struct Potential {
     jump: Vec<[f64; MAX_DIMENSION]>,
     /// The region on the higher side of those jumps, by axis; empty without partial reflection.
     higher: Vec<[usize; MAX_DIMENSION]>,
-    /// `∂V/∂x_a` at each cell, by axis; for degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
+    /// `∂V/∂x_a` at each cell as the scheme takes it (see above), by axis; for degree 0
+    /// `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
     slope: Vec<[f64; MAX_DIMENSION]>,
     /// Strides of the row-major order of `ranges`.
     strides: [usize; MAX_DIMENSION],
@@ -158,7 +159,8 @@ impl Potential {
         self.face(i, axis, true).map_or(0.0, |at| self.jump[at][axis])
     }
 
-    /// `∂V/∂x_a` along `axis` at space cell `i`; for degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
+    /// `∂V/∂x_a` along `axis` at space cell `i`, projected onto the degree of the element; for
+    /// degree 0 `(V⁻_{i+1/2} − V⁺_{i−1/2})/Δx`.
     pub fn slope(&self, i: &[usize], axis: usize) -> f64 {
         self.slope[self.position(i)][axis]
     }

@@ -6,13 +6,9 @@ use crate::base::text::{
 pub use crate::problem::case::GridErrorPair;
 use crate::problem::case::{Case, Exact, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
-use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::oblique::oblique_edges;
 use crate::scheme::interface::energy::{WITH_REST_ON_A_FACE, allows_elements};
 use serde::{Deserialize, Serialize};
-
-/// Parts of space along each axis whose masses particles of the exact flow compare, by dimension.
-pub const PARTS_OF_SPACE: [usize; MAX_DIMENSION] = [16, 4, 3];
 
 /// Relative errors of the grid that particles of the exact flow show; `None` where they do not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -54,10 +50,12 @@ impl EstimatedErrors {
     }
 
     /// These errors, but that of the density at least the part `share` of the kinetic energy by
-    /// which paths are off, if it is no larger than that of `f`. The density is shifted as a whole
-    /// then, so that neither its own coefficients nor the square of the error of `f` show it.
-    pub fn density_at_least(self, share: f64) -> Self {
-        let least = self.grid.field.map_or(share, |error| error.min(share));
+    /// which paths are off, if it is no larger than the error of `f`: that `of_particles`, or else
+    /// the estimate. The density is shifted as a whole then, so that neither its own coefficients
+    /// nor the square of the error of `f` show it.
+    pub fn density_at_least(self, share: f64, of_particles: Option<f64>) -> Self {
+        let of_field = of_particles.or(self.grid.field);
+        let least = of_field.map_or(share, |error| error.min(share));
         let density = self.grid.density.map(|error| error.max(least));
         Self { grid: GridErrorPair { density, ..self.grid }, ..self }
     }

@@ -18,16 +18,16 @@
 use crate::base::error::Result;
 use crate::base::memory;
 use crate::matrix::elements::{apply_along_all, for_each_element};
-use crate::matrix::observables::{CellVolumes, Totals, VelocityFactors};
+use crate::matrix::observables::{CellVolumes, VelocityFactors};
 use crate::matrix::projection::legendre_transform;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::Case;
-use crate::problem::grid::{Cell, PhaseSpace};
-use crate::problem::potential::energy_scale;
-use crate::problem::potential::resolution::largest_difference_on_elements;
+use crate::problem::grid::{Axis, Cell, PhaseSpace};
+use crate::problem::potential::resolution::largest_differences_on_elements;
 use crate::propagate::limiter::half_difference;
 use crate::results::accuracy::{EstimatedErrors, GridErrorPair};
+use crate::run::ledger::arrivals::ComparedResult;
 use crate::scheme::interface::law_of;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
@@ -78,14 +78,35 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
     Ok(EstimatedErrors { grid, density_shown: known(density_shown), interpolation })
 }
 
-/// About the part of the kinetic energy by which paths are off, as elements take `V` as a
-/// polynomial: a kink within an element is rounded, and a steep slope smoothed. The mean kinetic
-/// energy is the lower one of the data at the start and at the end, with these `totals`.
-pub fn of_the_potential(case: &Case, totals: [Option<Totals>; 2]) -> f64 {
-    let mean = |totals: Totals| totals.kinetic / totals.mass;
-    let known = totals.into_iter().flatten().map(mean).filter(|energy| *energy > 0.0);
-    let energy = known.reduce(f64::min).unwrap_or_else(|| energy_scale(&case.space));
-    POTENTIAL_FACTOR * largest_difference_on_elements(case) / energy
+/// About the part of the kinetic energy by which the paths of `result` are off, as elements take `V`
+/// as a polynomial: a kink within an element is rounded, and a steep slope smoothed. It is summed
+/// over the axes, each with the mean energy of the motion along it at the end. Collective.
+pub fn of_the_potential(world: &Group, result: &ComparedResult<'_>) -> f64 {
+    let space = &result.case.space;
+    let differences = largest_differences_on_elements(result.case);
+    if differences.iter().all(|difference| *difference == 0.0) {
+        return 0.0;
+    }
+    let volumes = CellVolumes::new(space, result.share);
+    let centres: Vec<Vec<f64>> = space.v.iter().map(Axis::centres).collect();
+    let velocities: usize = centres.iter().map(Vec::len).product();
+    let parts = space.v.iter().zip(&centres).zip(differences).enumerate();
+    let part = |(a, ((axis, centres), difference)): (usize, ((&Axis, &Vec<f64>), f64))| {
+        // The last axis is the fastest.
+        let stride: usize = space.v[a + 1..].iter().map(|axis| axis.cells).product();
+        let [energy, all] = volumes.sums(world, |i| {
+            let v = centres[i % velocities / stride % axis.cells];
+            let f = result.field[i].abs();
+            [0.5 * v * v * f, f]
+        });
+        let fastest = axis.largest_magnitude();
+        let largest = 0.5 * fastest * fastest;
+        // Without data, with the largest energy.
+        let mean = if all > 0.0 { energy / all } else { largest };
+        difference / mean.min(largest)
+    };
+    let sum: f64 = parts.map(part).filter(|share| share.is_finite()).sum();
+    POTENTIAL_FACTOR * sum
 }
 
 /// A bound on the relative L2 error of linear interpolation of `f` between the velocities, by its

@@ -1,6 +1,7 @@
 //! The options of a run.
 
 use crate::problem::case::Case;
+use crate::results::chosen_setup::ChosenSetup;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -13,8 +14,13 @@ pub struct Options {
     pub ranks_x: Option<Vec<usize>>,
     /// Whether to continue from a checkpoint (`--resume`).
     pub resume: bool,
+    /// Whether results of this case that another process finishes meanwhile are kept; so with
+    /// `resume`.
+    pub keeps_finished: bool,
     /// Whether to replace whatever the directory holds (`--force`).
     pub force: bool,
+    /// What was chosen for the accuracy of the case, to be stored beside the results.
+    pub chosen: Option<ChosenSetup>,
     /// Time since the start of the program after which to stop with a checkpoint (`--walltime`).
     pub walltime: Option<Duration>,
     /// The flag that is set from outside when the run is to stop with a checkpoint.

@@ -128,12 +128,14 @@ impl<'a> Driver<'a> {
     /// # Errors
     /// As [`ExactTask::run`].
     pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
+        let walltime = self.output.and_then(|output| output.options.walltime);
         let task = ExactTask {
             world: &planned.prepared.communicator.world,
             case: &reduced.result_grid.case,
             rank_cells: &planned.rank_cells,
             prints: self.log.prints,
-            walltime: self.output.and_then(|output| output.options.walltime),
+            // Classical runs are not limited.
+            walltime: planned.prepared.plan.warp.as_ref().and(walltime),
             program_start: self.world.started,
         };
         let exact_run = task.run()?;
@@ -316,7 +318,6 @@ impl<'a> Driver<'a> {
         let known = self.summary.mass_exact;
         self.summary.mass_exact = known.or_else(|| exact.moments.last().map(mass));
         let mut ledger = start.ledger;
-        let totals = [start.totals, Some(results.totals)];
         ledger.close(start.totals, results.totals, start.entered);
         self.log.warn_later(ledger.warnings());
         self.summary.ledger = Some(ledger);
@@ -341,9 +342,13 @@ impl<'a> Driver<'a> {
         let interpolation = compared.estimated.interpolation;
         let share = |ledger: &Ledger| ledger.interface_share(interpolation);
         let by_interface = self.summary.ledger.as_ref().and_then(share);
-        let by_potential = estimates::of_the_potential(&case, totals);
         let estimated = compared.estimated.at_least(by_interface.unwrap_or(0.0));
-        let estimated = estimated.density_at_least(by_potential);
+        let by_potential = match self.output {
+            Some(_) => estimates::of_the_potential(world, &result),
+            None => 0.0,
+        };
+        let of_particles = self.summary.accuracy.particles.field_mean;
+        let estimated = estimated.density_at_least(by_potential, of_particles);
         self.summary.judge(&prepared.case, estimated);
         Solution {
             case,
@@ -370,11 +375,15 @@ impl<'a> Driver<'a> {
         let world = self.world.group();
         let lock = results::prepare(&world, directory, case)?;
         // Another run may have ended here since this one looked.
+        let keeps_finished = options.resume || options.keeps_finished;
+        if keeps_finished && matches!(is_finished(&world, directory, given), Ok(true)) {
+            return Err(Error::FinishedByOthers);
+        }
         if !options.force {
             refuse_to_replace(&world, directory, given, options.resume)?;
         }
-        if options.resume && matches!(is_finished(&world, directory, given), Ok(true)) {
-            return Err(Error::FinishedByOthers);
+        if let Some(chosen) = &options.chosen {
+            world.on_first_rank(|| chosen.write(directory))?;
         }
         if let Some(why) = lock.as_ref().and_then(|lock| lock.unlocked.as_ref()) {
             let directory = directory.display();

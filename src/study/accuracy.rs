@@ -7,39 +7,14 @@ use crate::base::text::seconds_text;
 use crate::base::{checksum, disk};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
+use crate::results::chosen_setup::{self, ChosenSetup};
 use crate::study::advise::report::warnings;
 use crate::study::advise::setups::SetupReport;
 use crate::study::advise::{AdviceRequest, advise};
-use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 /// A run that is expected to take more than this multiple of the budget gives a warning.
 const LONG_RUN: f64 = 10.0;
-/// File in the directory of a run that stores what was chosen for its accuracy.
-const CHOICE: &str = "accuracy.json";
-
-/// The `--set` options chosen for an accuracy, as [`CHOICE`] stores them.
-#[derive(Debug, Serialize, Deserialize)]
-struct ChosenSetup {
-    /// The accuracy.
-    accuracy: f64,
-    /// The relative L1 error of the density that the trials expect, if the file is of a version
-    /// that stores it.
-    #[serde(default)]
-    expected_error: Option<f64>,
-    /// Checksum of the case for which it was chosen: its text and its `--set` options.
-    case: String,
-    /// The chosen `--set` options.
-    settings: Vec<String>,
-}
-
-impl ChosenSetup {
-    /// The choice in `directory`, if a run wrote one there.
-    fn read(directory: &Path) -> Option<Self> {
-        serde_json::from_str(&disk::read_text(&directory.join(CHOICE)).ok()?).ok()
-    }
-}
-
 /// Checksum of the text, the options and the table files that a case was read from.
 fn checksum_of(case: &Case) -> String {
     let tables: Vec<Option<u64>> = case.tables.iter().map(|file| file.checksum).collect();
@@ -59,23 +34,15 @@ pub fn stored(world: &World, case: &Case, accuracy: f64, directory: &Path) -> Op
     Some(Case { accuracy: Some(accuracy), expected_error, ..found })
 }
 
-/// Stores in `directory` the settings that turned the case `given` into `found`, if `found` has an
-/// accuracy. Collective.
-///
-/// # Errors
-/// As [`disk::make`] and [`disk::write_json`].
-pub fn store(world: &World, given: &Case, found: &Case, directory: &Path) -> Result<()> {
-    let Some(accuracy) = found.accuracy else { return Ok(()) };
-    world.group().on_first_rank(|| {
-        let choice = ChosenSetup {
-            accuracy,
-            expected_error: found.expected_error,
-            case: checksum_of(given),
-            // The options that were appended.
-            settings: found.overrides[given.overrides.len()..].to_vec(),
-        };
-        disk::make(directory)?;
-        disk::write_json(&directory.join(CHOICE), &choice)
+/// The settings that turned the case `given` into `found`, to be stored beside the results; `None`
+/// if `found` has no accuracy.
+pub fn choice(given: &Case, found: &Case) -> Option<ChosenSetup> {
+    Some(ChosenSetup {
+        accuracy: found.accuracy?,
+        expected_error: found.expected_error,
+        case: checksum_of(given),
+        // The options that were appended.
+        settings: found.overrides[given.overrides.len()..].to_vec(),
     })
 }
 
@@ -85,10 +52,10 @@ pub fn store(world: &World, given: &Case, found: &Case, directory: &Path) -> Res
 /// [`Error::Directory`], the same on all ranks.
 pub fn refuse_foreign(world: &World, directory: &Path) -> Result<()> {
     world.group().on_first_rank(|| {
-        if !directory.join(CHOICE).exists() || ChosenSetup::read(directory).is_some() {
+        if !directory.join(chosen_setup::NAME).exists() || ChosenSetup::read(directory).is_some() {
             return Ok(());
         }
-        Err(disk::not_replaced(directory, &format!("{CHOICE}, which no run wrote")))
+        Err(disk::not_replaced(directory, &format!("{}, which no run wrote", chosen_setup::NAME)))
     })
 }
 
@@ -110,7 +77,7 @@ pub fn chosen(world: &World, case: &Case, request: AdviceRequest) -> Result<Case
     }
     if world.group().is_first() {
         eprint_wrapped(&format!("accuracy {accuracy:e}: {}", entry.summary()));
-        let of_advice = warnings(case, std::slice::from_ref(entry));
+        let of_advice = warnings(case, std::slice::from_ref(entry), request.clock);
         for warning in of_advice.into_iter().chain(expensive(entry, budget)) {
             eprint_wrapped(&format!("warning: {warning}"));
         }

@@ -54,9 +54,6 @@ const EXPENSIVE: f64 = 0.25;
 const LONGEST_ADVISED: f64 = 30.0 * 86400.0;
 /// Relative round-off by which an error may exceed the accuracy.
 const ROUND_OFF: f64 = 1e-9;
-/// The note of advice by counted work.
-const COUNTED: &str =
-    "--reproducible: all times are those of the counted work on one average core, not of here";
 
 /// The request of the user.
 #[derive(Clone, Copy, Debug)]
@@ -198,15 +195,13 @@ impl<'a> Study<'a> {
             let predicted = planned.map(|(target, plan)| trials.seconds(&target, &plan));
             let counted = trials.budget.counted_seconds(entry.updates());
             entry.seconds = counted.or(entry.seconds).or(predicted);
-            entry.seconds_measured &= counted.is_none();
+            entry.seconds_counted = counted.is_some();
+            entry.seconds_measured &= !entry.seconds_counted;
             entry.estimate = entry.not_settled(LONGEST_ADVISED);
             entry
         };
         let mut entries: Vec<SetupReport> = candidates.into_iter().map(settled).collect();
-        let mut warnings = warnings(case, &entries);
-        if request.clock == BudgetClock::Updates {
-            warnings.push(COUNTED.to_owned());
-        }
+        let mut warnings = warnings(case, &entries, request.clock);
         mark_expensive(&mut entries, request.budget);
         mark_too_long(&mut entries, request.budget);
         // The least counted work; of equal ones the first, which has the case's own interface.

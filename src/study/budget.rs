@@ -86,6 +86,8 @@ pub struct Budget {
     counted: f64,
     /// Updates that were counted before counting started again.
     counted_before: f64,
+    /// All updates that were counted.
+    all_counted: f64,
     /// Updates that may be counted.
     allowed: f64,
     /// The part of the limit that has passed, as output.
@@ -101,6 +103,7 @@ impl Budget {
             clock,
             progress: Progress::new(prints, name, milliseconds(limit)).into(),
             started: Instant::now(),
+            all_counted: 0.0,
             limit,
             end: limit,
             counting_since: 0.0,
@@ -124,7 +127,7 @@ impl Budget {
     pub fn elapsed(&self) -> f64 {
         match self.clock {
             BudgetClock::Seconds => self.started.elapsed().as_secs_f64(),
-            BudgetClock::Updates => (self.counted_before + self.counted) / CLOCK_UPDATES_PER_SECOND,
+            BudgetClock::Updates => self.all_counted / CLOCK_UPDATES_PER_SECOND,
         }
     }
 
@@ -175,6 +178,7 @@ impl Budget {
     /// Counts `updates` as used.
     pub fn count(&mut self, updates: f64) {
         self.counted += updates;
+        self.all_counted += updates;
     }
 
     /// The part of the whole budget that was counted as used.
@@ -228,6 +232,9 @@ impl Budget {
     /// is less than a quarter of it, or no more than it although nothing was counted. Collective.
     pub fn recount(&mut self) -> bool {
         let now = self.elapsed();
+        if self.all_counted == 0.0 {
+            return false;
+        }
         let rate = (self.counted_before + self.counted) / now;
         let rate = rate.max(self.counted / (now - self.counting_since));
         let [now, held] = self.from_rank_zero([now, OF_TIME_LEFT * rate * (self.limit - now)]);

@@ -95,7 +95,15 @@ fn estimate_rows() -> Vec<EstimateRow> {
 /// counts what it does to the paths, which its own coefficients do not show.
 #[test]
 fn kinks_within_elements_are_counted_in_the_density() {
-    let rows = [(3, 21, 1.6, 0.013), (3, 42, 1.6, 0.021), (2, 31, 1.2, -0.04), (4, 17, 1.6, 0.013)];
+    let rows = [
+        (3, 21, 1.6, 0.013),
+        (3, 42, 1.6, 0.021),
+        (2, 31, 1.2, -0.04),
+        (4, 17, 1.6, 0.013),
+        // At the centre of an element.
+        (3, 31, 1.0, 0.05),
+        (3, 21, 1.0, 0.05),
+    ];
     check_all(&rows, |(degree, cells, end, kink)| {
         let place = directory();
         let path = written(
@@ -171,6 +179,7 @@ fn goals_are_judged_and_zero_fields_have_no_accuracy() {
     assert!(!all.contains("error of the grid"), "{}", empty.report("an error of nothing"));
 
     let goal = run("smooth-beams.toml").with(["--accuracy", "2e-1", "--reproducible", "--force"]);
+    let goal = goal.with(["--budget", "10s"]);
     let finished = goal.into(place.path()).succeed().unwrap();
     let printed = ["accuracy 2e-1 of the density (relative L1): reached, "];
     finished.contains(&finished.output, &printed).unwrap();
@@ -183,7 +192,7 @@ fn chosen_accuracy_is_reached_and_kept() {
     let place = directory();
     let job = || {
         let job = run("example1.toml").with(["--accuracy", "1.5e-1", "--reproducible"]);
-        job.into(place.path())
+        job.with(["--budget", "20s"]).into(place.path())
     };
     let first = job().on(2).succeed().unwrap();
     first.contains(&first.errors, &["accuracy 1.5e-1: ", "(measured)"]).unwrap();

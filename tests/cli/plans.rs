@@ -484,6 +484,9 @@ fn job_scripts_are_written() {
     let script = text_of(at("timed")).unwrap();
     assert!(script.contains("#SBATCH --ntasks=1\n#SBATCH --cpus-per-task=1\n"), "{script}");
     assert!(script.contains("#SBATCH --time=00:0"), "{script}");
+    // Without Slurm it takes as many ranks.
+    let started = bash(&real, &["timed"], &[]);
+    assert!(started.calls.contains("<--ranks><1>"), "{}", started.calls);
     let results = format!("results/{}", NAME.trim_end_matches(".toml"));
     let results = at(&results).display().to_string().replace('\'', r"'\''");
     assert!(script.ends_with(&format!("    '{results}'\n")), "{script}");

@@ -4,7 +4,7 @@
 use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
 use crate::support::{
     Finished, Job, RESULT_FILES, case, change_hdf5, check_all, contents, copy, datasets,
-    differences, directory, directory_on_disk, names_in, of_case, on_results,
+    differences, directory, directory_on_disk, json_of, names_in, of_case, on_results,
 };
 use hdf5::types::VarLenUnicode;
 use std::fs;
@@ -231,17 +231,30 @@ fn a_run_without_a_summary_is_not_finished() {
     assert!(differences(&datasets(path).expect("datasets"), &sound).is_empty());
 }
 
-/// A run that waits for another one in its directory looks at the results again when that has
-/// ended: it replaces none without `--force`, and computes none again.
+/// A run or a sweep that waits for another one in its directory looks at the results again when
+/// that has ended: it replaces none without `--force`, and computes none again.
 #[test]
 fn a_run_that_waited_for_another_keeps_its_results() {
-    let waits = |second: Job| -> (PathBuf, tempfile::TempDir, Finished) {
+    const LATE: &str = "another run writes into it";
+    let longer = ["axis.0.x.cells=90", "axis.0.v.cells=70", "time.end=1"];
+    let first = || run().set(&longer);
+    let sweep = || {
+        let settings = [&SMALL[..], &longer[..2]].concat();
+        of_case("sweep", "example1.toml").set(&settings).with(["--vary", "time.end=1,0.1"])
+    };
+    // Sweeps have a directory for each run.
+    let is_locked = |path: &Path| {
+        let of_runs = fs::read_dir(path).into_iter().flatten().flatten();
+        let mut places = of_runs.map(|run| run.path()).chain([path.to_owned()]);
+        places.any(|place| place.join("run.lock").exists())
+    };
+    let waits = |first: Job, second: Job| {
         let place = directory();
         let path = place.path().to_owned();
         let (mut second, mut other) = (Some(second.into(&path).nested()), None);
-        let first = run().into(&path).on(2).closely().run_while(|mpirun, _| {
+        let first = first.into(&path).on(2).closely().run_while(|mpirun, _| {
             let ranks = children(mpirun.id());
-            if ranks.len() < 2 || !path.join("run.lock").exists() {
+            if second.is_none() || ranks.len() < 2 || !is_locked(&path) {
                 return;
             }
             let Some(second) = second.take() else { return };
@@ -251,27 +264,29 @@ fn a_run_that_waited_for_another_keeps_its_results() {
             std::thread::sleep(Duration::from_millis(1500));
             ranks.iter().for_each(|&rank| send("-CONT", rank));
         });
-        first.expect("the first run").ended(0, &[]).unwrap();
-        let other = other.expect("a second run").join().expect("its thread");
-        (path, place, other.expect("the end of the second run"))
+        first.expect("the first job").ended(0, &[]).unwrap();
+        let other = other.expect("a second job").join().expect("its thread");
+        (place, other.expect("the end of the second job"))
     };
-    let late = "another run writes into it";
     let unchanged = |path: &Path| {
-        let summary = crate::support::json_of(path.join("summary.json")).expect("a summary");
+        let summary = json_of(path.join("summary.json")).expect("a summary");
         assert_eq!(summary["tolerance"], 1e-3, "the second run replaced the results");
     };
     for resume in [&[][..], &["--resume"]] {
-        let (path, _place, other) =
-            waits(run().set(&["solver.tolerance=2e-3"]).with(resume.iter().copied()));
-        let refused = other.errors.contains("--force") || other.errors.contains(late);
+        let second = first().set(&["solver.tolerance=2e-3"]).with(resume.iter().copied());
+        let (place, other) = waits(first(), second);
+        let refused = other.errors.contains("--force") || other.errors.contains(LATE);
         assert!(other.code == Some(2) && refused, "{}", other.report("another case"));
-        unchanged(&path);
+        unchanged(place.path());
     }
-    let (path, _place, same) = waits(run().with(["--resume"]));
+    let (place, same) = waits(first(), first().with(["--resume"]));
     let kept = same.code == Some(0) && reports_finished(&same);
-    assert!(kept || same.errors.contains(late), "{}", same.report("the same case"));
-    unchanged(&path);
-    on_results("check-result", &path).succeed().unwrap();
+    assert!(kept || same.errors.contains(LATE), "{}", same.report("the same case"));
+    unchanged(place.path());
+    on_results("check-result", place.path()).succeed().unwrap();
+    let (_place, same) = waits(sweep(), sweep());
+    let kept = same.code == Some(0) && same.errors.contains("finished before");
+    assert!(kept || same.errors.contains(LATE), "{}", same.report("the same sweep"));
 }
 
 /// A second run in the directory of a run whose ranks are stopped is refused. After the ranks

@@ -66,7 +66,7 @@ pub(super) fn element_centre(axes: &[Axis], i: &[usize]) -> [f64; 6] {
 }
 
 /// The largest `v²/2` along an axis of the box: the scale of differences of `V`.
-pub fn energy_scale(space: &PhaseSpace) -> f64 {
+pub(super) fn energy_scale(space: &PhaseSpace) -> f64 {
     let fastest = space.v.iter().map(Axis::largest_magnitude);
     fastest.fold(0.0, |most: f64, v| most.max(0.5 * v * v))
 }

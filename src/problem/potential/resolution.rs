@@ -8,8 +8,9 @@ use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::pieces::{energy_scale, piece, region, space_point, spread};
 use crate::problem::potential::values::{fine_points, slope_matrix};
 
-/// Number of points of an element, along each axis, at which both are compared.
-const POINTS: usize = 12;
+/// Number of points of an element, along each axis, at which both are compared. It is odd: an
+/// element's centre is one of them.
+const POINTS: usize = 13;
 /// Largest number of lines that are examined, over all axes. On a larger grid they are spread
 /// evenly.
 const MOST_LINES: usize = 1 << 16;
@@ -122,16 +123,19 @@ pub fn largest_mismatches(case: &Case) -> Vec<PotentialMismatch> {
     compared(case).into_iter().flat_map(beyond).collect()
 }
 
-/// The largest difference of `V` and the scheme's approximation along axes of degree 1 and more.
-pub fn largest_difference_on_elements(case: &Case) -> f64 {
+/// The largest difference of `V` and the scheme's approximation along each axis of degree 1 and
+/// more; 0 along others.
+pub fn largest_differences_on_elements(case: &Case) -> [f64; MAX_DIMENSION] {
+    let mut worst = [0.0; MAX_DIMENSION];
     let with_elements = |a: &usize| case.space.x[*a].nodes.degree > 0;
     let axes: Vec<usize> = (0..case.space.dimension()).filter(with_elements).collect();
     if axes.is_empty() {
-        return 0.0;
+        return worst;
     }
-    let regions = compared(case).into_iter();
-    let worst = regions.flat_map(|region| axes.clone().into_iter().map(move |a| region.worst(a)));
-    worst.fold(0.0, f64::max)
+    for region in compared(case) {
+        axes.iter().for_each(|&a| worst[a] = f64::max(worst[a], region.worst(a)));
+    }
+    worst
 }
 
 /// The comparison in a region along all axes.
@@ -212,7 +216,7 @@ mod tests {
     use super::*;
 
     /// For degree `k` the approximation of polynomials of degree `k + 1` is exact, as their slopes
-    /// are met at the nodes; that of the next degree is not.
+    /// have degree `k`; that of the next degree is not.
     #[test]
     fn polynomials_are_taken_as_they_are_up_to_a_degree() {
         for degree in 0..LARGEST_DEGREE {

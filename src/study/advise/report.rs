@@ -8,6 +8,7 @@ use crate::problem::grid::SPACE_NAMES;
 use crate::results::accuracy::{STAIRCASE, hides_staircase};
 use crate::study::advise::reached_grid::Evidence;
 use crate::study::advise::setups::{AdviceReport, ErrorParts, NotCompared, SetupReport};
+use crate::study::budget::BudgetClock;
 use crate::study::grids::{cells, shape_text};
 use crate::study::order::{Order, orders_text};
 use std::fmt;
@@ -37,9 +38,16 @@ fn pairs(order: &Order) -> String {
     }
 }
 
-/// Warnings about the set-ups `entries`.
-pub fn warnings(case: &Case, entries: &[SetupReport]) -> Vec<String> {
+/// The note of advice by counted work.
+const COUNTED: &str =
+    "--reproducible: all times are those of the counted work on one average core, not of here";
+
+/// Warnings about the set-ups `entries`, which were found by `clock`.
+pub fn warnings(case: &Case, entries: &[SetupReport], clock: BudgetClock) -> Vec<String> {
     let mut warnings = Vec::new();
+    if clock == BudgetClock::Updates {
+        warnings.push(COUNTED.to_owned());
+    }
     let can = || entries.iter().filter(|e| e.refused.is_none());
     let unsettled: Vec<String> = can()
         .filter(|e| !e.order.settled && e.known == Evidence::Extrapolated)
@@ -144,7 +152,11 @@ fn entry(f: &mut fmt::Formatter<'_>, entry: &SetupReport) -> fmt::Result {
     let settled = if entry.order.settled { "settled" } else { "not settled" };
     writeln!(f, "  order   {:.2}, {settled} ({})", entry.order.order, pairs(&entry.order))?;
     let seconds = entry.seconds.map_or("unknown time".to_owned(), seconds_text);
-    let how = if entry.seconds_measured { "measured" } else { "from trials" };
+    let how = match (entry.seconds_counted, entry.seconds_measured) {
+        (true, _) => "counted",
+        (false, true) => "measured",
+        (false, false) => "from trials",
+    };
     writeln!(
         f,
         "  cost    {} applications, {seconds} ({how}), {} a rank",

@@ -86,10 +86,13 @@ pub struct SetupReport {
     pub applications: f64,
     /// Planned memory of a rank, in bytes.
     pub memory_bytes_per_rank: f64,
-    /// Seconds of a run on the ranks that ran the study.
+    /// Seconds of a run on the ranks that ran the study, or of its counted work on one core.
     pub seconds: Option<f64>,
-    /// Whether the seconds were measured on this grid; otherwise they are predicted from trials.
+    /// Whether the seconds were measured on this grid; otherwise they are predicted from trials or
+    /// counted.
     pub seconds_measured: bool,
+    /// Whether the seconds are those of counted work.
+    pub seconds_counted: bool,
     /// The budget in seconds that may hold the next grid of its sequence, if its order is assumed
     /// or is from one pair of errors.
     pub wanted_budget: Option<f64>,
