@@ -78,9 +78,9 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
     Ok(EstimatedErrors { grid, density_shown: known(density_shown), interpolation })
 }
 
-/// About the part of the kinetic energy by which the paths of `result` are off, as elements take `V`
-/// as a polynomial: a kink within an element is rounded, and a steep slope smoothed. It is summed
-/// over the axes, each with the mean energy of the motion along it at the end. Collective.
+/// About the part of the kinetic energy by which the paths of `result` are off, as elements take
+/// `V` as a polynomial: a kink within an element is rounded, and a steep slope smoothed. It is
+/// summed over the axes, each with the mean energy of the motion along it at the end. Collective.
 pub fn of_the_potential(world: &Group, result: &ComparedResult<'_>) -> f64 {
     let space = &result.case.space;
     let differences = largest_differences_on_elements(result.case);

@@ -68,8 +68,8 @@ fn milliseconds(seconds: f64) -> usize {
 pub enum BudgetClock {
     /// Rank 0's clock.
     Seconds,
-    /// The counted updates at [`CLOCK_UPDATES_PER_SECOND`], which are the same on every machine
-    /// and on any number of ranks.
+    /// The counted updates at the rate of an average core, which are the same on every machine and
+    /// on any number of ranks.
     Updates,
 }
 
