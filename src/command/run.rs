@@ -15,7 +15,7 @@ use crate::results::finished::refuse_to_replace;
 use crate::results::summary::Summary;
 use crate::run;
 use crate::run::options::Options;
-use crate::study::accuracy::choice;
+use crate::study::accuracy::CaseBefore;
 use std::path::{Path, PathBuf};
 
 /// Written as soon as a signal requests a stop.
@@ -38,8 +38,9 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
         // A continued run keeps its grid.
         Some(_) => (given, None),
         None => {
-            let case = on_its_grid(world, given.clone(), args, &directory)?;
-            let chosen = choice(&given, &case);
+            let before = CaseBefore::new(&given);
+            let case = on_its_grid(world, given, args, &directory)?;
+            let chosen = before.choice(&case);
             (case, chosen)
         }
     };

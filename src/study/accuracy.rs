@@ -34,16 +34,30 @@ pub fn stored(world: &World, case: &Case, accuracy: f64, directory: &Path) -> Op
     Some(Case { accuracy: Some(accuracy), expected_error, ..found })
 }
 
-/// The settings that turned the case `given` into `found`, to be stored beside the results; `None`
-/// if `found` has no accuracy.
-pub fn choice(given: &Case, found: &Case) -> Option<ChosenSetup> {
-    Some(ChosenSetup {
-        accuracy: found.accuracy?,
-        expected_error: found.expected_error,
-        case: checksum_of(given),
-        // The options that were appended.
-        settings: found.overrides[given.overrides.len()..].to_vec(),
-    })
+/// What identifies a case before its settings are chosen.
+pub struct CaseBefore {
+    checksum: String,
+    /// Number of its `--set` options.
+    options: usize,
+}
+
+impl CaseBefore {
+    /// That of `case`.
+    pub fn new(case: &Case) -> Self {
+        Self { checksum: checksum_of(case), options: case.overrides.len() }
+    }
+
+    /// The settings that turned it into the case `found`, to be stored beside the results; `None`
+    /// if `found` has no accuracy.
+    pub fn choice(self, found: &Case) -> Option<ChosenSetup> {
+        Some(ChosenSetup {
+            accuracy: found.accuracy?,
+            expected_error: found.expected_error,
+            case: self.checksum,
+            // The options that were appended.
+            settings: found.overrides[self.options..].to_vec(),
+        })
+    }
 }
 
 /// Refuses a directory with an `accuracy.json` that no run wrote. Collective.

@@ -279,6 +279,37 @@ fn exact_densities_are_averages_over_cells_with_a_front() {
     }
 }
 
+/// A staircase of 90 steps has the same exact density on a grid whose faces miss every other edge as
+/// on one with a face at each.
+#[test]
+fn many_edges_within_cells_are_met_by_the_exact_solution() {
+    let steps: String = (1..90)
+        .map(|k| format!("[[potential]]\nwhere = \"x < {k}/90\"\nvalue = \"0.3*({k}/90)^2\"\n"))
+        .collect();
+    let text = format!(
+        "{steps}[[potential]]\nvalue = \"0.3\"\n[[axis]]\n\
+         x = {{ lower = 0, upper = 1, cells = 45 }}\nv = {{ lower = -1, upper = 1.5, cells = 20 }}\n\
+         [initial]\nf = \"exp(-((x - 0.3)^2/0.02 + (v - 0.7)^2/0.05))\"\n[time]\nend = 0.4\n\
+         [solver]\nmethod = \"classical\"\n[exact]\nkind = \"characteristics\"\n"
+    );
+    let place = directory();
+    let path = written(place.path(), &text).unwrap();
+    let density = |cells: usize| {
+        let results = place.path().join(cells.to_string());
+        Job::new(["run", &path])
+            .set(&[&format!("axis.0.x.cells={cells}")])
+            .solve(&results)
+            .unwrap();
+        datasets(&results).unwrap()["/density_exact"].numbers()
+    };
+    let [coarse, fine] = [45, 90].map(density);
+    let scale = fine.iter().fold(0.0, |most: f64, d| most.max(*d));
+    for (i, (found, pair)) in coarse.iter().zip(fine.chunks(2)).enumerate() {
+        let expected = 0.5 * (pair[0] + pair[1]);
+        near(&format!("cell {i}"), found / scale, expected / scale, 1e-3).unwrap();
+    }
+}
+
 /// A formula that is undefined on a face, x = 0, says nothing about the cells beside it.
 #[test]
 fn exact_densities_need_no_values_on_faces() {

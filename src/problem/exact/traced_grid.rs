@@ -8,6 +8,7 @@ use crate::problem::exact::by_axes::moves_by_axes;
 use crate::problem::exact::cells::{TracedPotential, slopes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
 use crate::problem::potential::{ElementShape, Potential, region, region_edges, space_point};
+use std::ops::RangeInclusive;
 
 /// An edge of a region this close to a face, as a fraction of an element, counts as lying on it.
 const EDGE_ON_FACE: f64 = 1e-9;
@@ -240,7 +241,11 @@ fn cut_elements(
             1 => MOST_CELLS_IN_LINE / axis.cells,
             _ => room(most.edges),
         };
-        let parts = with_edges(axis, edges.as_deref().unwrap_or_default(), least, most_parts);
+        let edges = edges.as_deref().unwrap_or_default();
+        // In more dimensions many edges belong to a curve that faces cannot follow.
+        let follows = n == 1 || edges.len() <= FEW_EDGES;
+        let near = if follows { MOST_PARTS.min(most_parts).max(least) } else { least };
+        let parts = with_edges(axis, edges, least..=most_parts, near);
         if parts > 1 {
             *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
         }
@@ -261,10 +266,10 @@ fn element_shape(case: &Case) -> Result<ElementShape> {
     Ok(Potential::whole(&case)?.shape(&case.space))
 }
 
-/// The least number of parts of an element, from `least` to `most`, with which all `edges` lie on
-/// faces. If there is none: for a few edges the number up to [`MOST_PARTS`] with which they are
-/// nearest to faces; for more edges `least`, as these belong to a curve that faces cannot follow.
-fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
+/// The least number of parts of an element, of these `numbers`, with which all `edges` lie on faces.
+/// If there is none, the number up to `near` with which they are nearest to faces.
+fn with_edges(axis: &Axis, edges: &[f64], numbers: RangeInclusive<usize>, near: usize) -> usize {
+    let least = *numbers.start();
     let furthest = |parts: usize| {
         let width = axis.width() / parts as f64;
         let miss = |edge: &f64| {
@@ -273,11 +278,7 @@ fn with_edges(axis: &Axis, edges: &[f64], least: usize, most: usize) -> usize {
         };
         edges.iter().map(miss).fold(0.0, f64::max)
     };
-    let near = EDGE_ON_FACE * axis.width();
-    let nearest = || {
-        let most = if edges.len() > FEW_EDGES { least } else { MOST_PARTS.min(most).max(least) };
-        let parts = least..=most;
-        parts.min_by(|&a, &b| furthest(a).total_cmp(&furthest(b)))
-    };
-    (least..=most).find(|&parts| furthest(parts) <= near).or_else(nearest).unwrap_or(least)
+    let on_face = EDGE_ON_FACE * axis.width();
+    let nearest = || (least..=near).min_by(|&a, &b| furthest(a).total_cmp(&furthest(b)));
+    numbers.into_iter().find(|&n| furthest(n) <= on_face).or_else(nearest).unwrap_or(least)
 }

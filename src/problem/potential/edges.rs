@@ -99,17 +99,19 @@ pub struct UnresolvedRegions {
 const HALVINGS: usize = 60;
 /// Least number of points along each axis between which edges are searched, by dimension.
 const SCANNED: [usize; 3] = [4096, 256, 48];
+/// Largest number of edges along an axis, by dimension. In one there are no curved edges.
+const MOST_EDGES: [usize; 3] = [2048, 64, 64];
 
 /// The positions along each space axis at which the piece of `V` changes: the region, or the value
-/// of a table that is constant around its points. `None` for an axis with more than 64 of them, as
-/// of a curved edge. Pieces narrower than the distance of the `SCANNED` points may be missed.
+/// of a table that is constant around its points. `None` for an axis with more than 64 of them (2048
+/// in one dimension), as of a curved edge. Pieces narrower than the distance of the `SCANNED` points may be missed.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
-    const MOST: usize = 64;
     let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); case.space.dimension()];
     if is_one_piece(&case.potential) {
         return found;
     }
-    let scanned = SCANNED[case.space.dimension() - 1];
+    let dimension = case.space.dimension();
+    let (scanned, most) = (SCANNED[dimension - 1], MOST_EDGES[dimension - 1]);
     let finer = |axis: &Axis| {
         let elements = axis.elements();
         Axis::new(axis.lower, axis.upper, elements * scanned.div_ceil(elements).max(1))
@@ -136,7 +138,7 @@ pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
                 && !(edges.iter()).any(|e: &f64| (e - inside).abs() < 1e-6 * axis.width())
             {
                 edges.push(inside);
-                if edges.len() > MOST {
+                if edges.len() > most {
                     found[a] = None;
                 }
             }
@@ -199,6 +201,27 @@ mod tests {
         assert!(inner_runs(vec![1; 4], true).is_empty());
         assert!(inner_runs(vec![1; 4], false).is_empty());
         assert!(inner_runs(vec![1, 0], false).is_empty());
+    }
+
+    /// Two hundred regions, of odd widths.
+    #[test]
+    fn many_edges_are_found_in_one_dimension() {
+        let edges: Vec<f64> = (1..200).map(|k| f64::from(k * k + 50 * k) / 50000.0).collect();
+        let regions = edges.iter().enumerate();
+        let regions: String = regions
+            .map(|(k, end)| format!("[[potential]]\nwhere = \"x < {end:?}\"\nvalue = \"{k}\"\n"))
+            .collect();
+        let text = format!(
+            "{regions}[[potential]]\nvalue = \"-1\"\n[[axis]]\n\
+             x = {{ lower = 0, upper = 1, cells = 17 }}\nv = {{ lower = -1, upper = 1, cells = 4 }}\n\
+             [initial]\nf = \"1\"\n[time]\nend = 1.0\n"
+        );
+        let case = Case::parse("stairs", &text, &[]).expect("a case");
+        let found = region_edges(&case)[0].clone().expect("edges");
+        assert_eq!(found.len(), edges.len());
+        for (found, edge) in found.iter().zip(&edges) {
+            assert!((found - edge).abs() < 1e-12, "{found} {edge}");
+        }
     }
 
     #[test]
