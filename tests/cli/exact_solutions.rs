@@ -279,8 +279,8 @@ fn exact_densities_are_averages_over_cells_with_a_front() {
     }
 }
 
-/// A staircase of 90 steps has the same exact density on a grid whose faces miss every other edge as
-/// on one with a face at each.
+/// A staircase of 90 steps has the same exact density on a grid whose faces miss every other edge
+/// as on one with a face at each.
 #[test]
 fn many_edges_within_cells_are_met_by_the_exact_solution() {
     let steps: String = (1..90)
@@ -288,7 +288,8 @@ fn many_edges_within_cells_are_met_by_the_exact_solution() {
         .collect();
     let text = format!(
         "{steps}[[potential]]\nvalue = \"0.3\"\n[[axis]]\n\
-         x = {{ lower = 0, upper = 1, cells = 45 }}\nv = {{ lower = -1, upper = 1.5, cells = 20 }}\n\
+         x = {{ lower = 0, upper = 1, cells = 45 }}\n\
+         v = {{ lower = -1, upper = 1.5, cells = 20 }}\n\
          [initial]\nf = \"exp(-((x - 0.3)^2/0.02 + (v - 0.7)^2/0.05))\"\n[time]\nend = 0.4\n\
          [solver]\nmethod = \"classical\"\n[exact]\nkind = \"characteristics\"\n"
     );

@@ -266,8 +266,8 @@ fn element_shape(case: &Case) -> Result<ElementShape> {
     Ok(Potential::whole(&case)?.shape(&case.space))
 }
 
-/// The least number of parts of an element, of these `numbers`, with which all `edges` lie on faces.
-/// If there is none, the number up to `near` with which they are nearest to faces.
+/// The least number of parts of an element, of these `numbers`, with which all `edges` lie on
+/// faces. If there is none, the number up to `near` with which they are nearest to faces.
 fn with_edges(axis: &Axis, edges: &[f64], numbers: RangeInclusive<usize>, near: usize) -> usize {
     let least = *numbers.start();
     let furthest = |parts: usize| {

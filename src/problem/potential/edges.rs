@@ -103,8 +103,9 @@ const SCANNED: [usize; 3] = [4096, 256, 48];
 const MOST_EDGES: [usize; 3] = [2048, 64, 64];
 
 /// The positions along each space axis at which the piece of `V` changes: the region, or the value
-/// of a table that is constant around its points. `None` for an axis with more than 64 of them (2048
-/// in one dimension), as of a curved edge. Pieces narrower than the distance of the `SCANNED` points may be missed.
+/// of a table that is constant around its points. `None` for an axis with more than 64 of them
+/// (2048 in one dimension), as of a curved edge. Pieces narrower than the distance of the `SCANNED`
+/// points may be missed.
 pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
     let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); case.space.dimension()];
     if is_one_piece(&case.potential) {
@@ -213,7 +214,8 @@ mod tests {
             .collect();
         let text = format!(
             "{regions}[[potential]]\nvalue = \"-1\"\n[[axis]]\n\
-             x = {{ lower = 0, upper = 1, cells = 17 }}\nv = {{ lower = -1, upper = 1, cells = 4 }}\n\
+             x = {{ lower = 0, upper = 1, cells = 17 }}\n\
+             v = {{ lower = -1, upper = 1, cells = 4 }}\n\
              [initial]\nf = \"1\"\n[time]\nend = 1.0\n"
         );
         let case = Case::parse("stairs", &text, &[]).expect("a case");
