@@ -231,6 +231,11 @@ fn a_run_without_a_summary_is_not_finished() {
     assert!(differences(&datasets(path).expect("datasets"), &sound).is_empty());
 }
 
+/// Whether a run holds the lock of a directory. The file is there before it is locked, and empty.
+fn holds_lock(directory: &Path) -> bool {
+    fs::metadata(directory.join("run.lock")).is_ok_and(|file| file.len() > 0)
+}
+
 /// A run or a sweep that waits for another one in its directory looks at the results again when
 /// that has ended: it replaces none without `--force`, and computes none again.
 #[test]
@@ -246,7 +251,7 @@ fn a_run_that_waited_for_another_keeps_its_results() {
     let is_locked = |path: &Path| {
         let of_runs = fs::read_dir(path).into_iter().flatten().flatten();
         let mut places = of_runs.map(|run| run.path()).chain([path.to_owned()]);
-        places.any(|place| place.join("run.lock").exists())
+        places.any(|place| holds_lock(&place))
     };
     let waits = |first: Job, second: Job| {
         let place = directory();
@@ -299,7 +304,7 @@ fn a_second_run_in_a_directory_is_refused() {
     let mut refusal = None;
     let first = job.closely().run_while(|mpirun, _| {
         let ranks = children(mpirun.id());
-        if refusal.is_some() || ranks.len() < 2 || !path.join("run.lock").exists() {
+        if refusal.is_some() || ranks.len() < 2 || !holds_lock(path) {
             return;
         }
         ranks.iter().for_each(|&rank| send("-STOP", rank));
