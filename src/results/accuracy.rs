@@ -6,9 +6,13 @@ use crate::base::text::{
 pub use crate::problem::case::GridErrorPair;
 use crate::problem::case::{Case, Exact, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
+use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::oblique::oblique_edges;
 use crate::scheme::interface::energy::{WITH_REST_ON_A_FACE, allows_elements};
 use serde::{Deserialize, Serialize};
+
+/// Parts of space along each axis whose masses particles of the exact flow compare, by dimension.
+pub const PARTS_OF_SPACE: [usize; MAX_DIMENSION] = [16, 4, 3];
 
 /// Relative errors of the grid that particles of the exact flow show; `None` where they do not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -3,7 +3,7 @@
 
 use crate::problem::case::{Case, Data, Integrator, Method};
 use crate::results::accuracy::{
-    Accuracy, EstimatedErrors, GridErrorPair, STAIRCASE, hides_staircase, is_large,
+    Accuracy, EstimatedErrors, GridErrorPair, PARTS_OF_SPACE, STAIRCASE, hides_staircase, is_large,
 };
 use crate::results::summary::Summary;
 use crate::results::verdict::{FAR_ABOVE, MissedGoals, Verdict};
@@ -13,9 +13,6 @@ use crate::results::verdict::{FAR_ABOVE, MissedGoals, Verdict};
 const POWER_OF_CELLS: i32 = 3;
 /// The same for elements: a front that is smeared over a width `w` is `√w` off, its density `w`.
 const POWER_OF_ELEMENTS: i32 = 2;
-/// The scales on which particles show errors of the density, by dimension (docs/numerics.md).
-const SCALES: [&str; 3] =
-    ["a sixteenth of the box", "a quarter of each axis", "a third of each axis"];
 /// The algorithm's error is most of a measured one from this part on.
 const LARGE_PART: f64 = 0.5;
 
@@ -126,8 +123,8 @@ impl Summary {
             };
             let small = format!(
                 "; particles of the exact flow show no error of the density above a tenth on \
-                 scales above {}",
-                SCALES[case.space.dimension() - 1]
+                 scales above 1/{} of each axis",
+                PARTS_OF_SPACE[case.space.dimension() - 1]
             );
             let small = accuracy.particles.density.map_or(String::new(), |_| small);
             let measured = "; [exact] kind = \"characteristics\" measures it";

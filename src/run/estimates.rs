@@ -91,6 +91,7 @@ pub fn of_the_potential(world: &Group, result: &ComparedResult<'_>) -> f64 {
     let centres: Vec<Vec<f64>> = space.v.iter().map(Axis::centres).collect();
     let velocities: usize = centres.iter().map(Vec::len).product();
     let parts = space.v.iter().zip(&centres).zip(differences).enumerate();
+    let parts = parts.filter(|(_, (_, difference))| *difference > 0.0);
     let part = |(a, ((axis, centres), difference)): (usize, ((&Axis, &Vec<f64>), f64))| {
         // The last axis is the fastest.
         let stride: usize = space.v[a + 1..].iter().map(|axis| axis.cells).product();

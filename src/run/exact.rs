@@ -60,10 +60,8 @@ pub struct ExactTask<'a> {
     pub rank_cells: &'a RankCells,
     /// Whether this rank reports if it takes long.
     pub prints: bool,
-    /// The time that the program may take, if it is limited.
-    pub walltime: Option<Duration>,
-    /// The start of the program.
-    pub program_start: Instant,
+    /// The start of the program, and the wall time that it may take.
+    pub wall: Option<(Instant, Duration)>,
 }
 
 impl ExactTask<'_> {
@@ -98,7 +96,7 @@ impl ExactTask<'_> {
 
     /// An error if the wall time is over on this rank.
     fn in_time(&self) -> Result<()> {
-        let Some(wall) = self.walltime.filter(|wall| self.program_start.elapsed() >= *wall) else {
+        let Some((_, wall)) = self.wall.filter(|(start, wall)| start.elapsed() >= *wall) else {
             return Ok(());
         };
         let at_end = match times(self.case).len() {

@@ -128,15 +128,15 @@ impl<'a> Driver<'a> {
     /// # Errors
     /// As [`ExactTask::run`].
     pub fn exact(&mut self, reduced: &ReducedCase, planned: &PlannedRun) -> Result<ExactRun> {
-        let walltime = self.output.and_then(|output| output.options.walltime);
+        let wall = self.output.and_then(|output| output.options.walltime);
+        let wall = wall.map(|wall| (self.world.started, wall));
         let task = ExactTask {
             world: &planned.prepared.communicator.world,
             case: &reduced.result_grid.case,
             rank_cells: &planned.rank_cells,
             prints: self.log.prints,
             // Classical runs are not limited.
-            walltime: planned.prepared.plan.warp.as_ref().and(walltime),
-            program_start: self.world.started,
+            wall: planned.prepared.plan.warp.as_ref().and(wall),
         };
         let exact_run = task.run()?;
         if exact_run.exact.is_some() {

@@ -84,9 +84,7 @@ pub struct Budget {
     /// Seconds after the start at which counting began.
     counting_since: f64,
     counted: f64,
-    /// Updates that were counted before counting started again.
-    counted_before: f64,
-    /// All updates that were counted.
+    /// All updates that were counted, also before counting started again.
     all_counted: f64,
     /// Updates that may be counted.
     allowed: f64,
@@ -108,7 +106,6 @@ impl Budget {
             end: limit,
             counting_since: 0.0,
             counted: 0.0,
-            counted_before: 0.0,
             allowed: limit * UPDATES_PER_SECOND,
         }
     }
@@ -223,7 +220,7 @@ impl Budget {
 
     /// Goes on from the `counted` updates that [`aside`](Self::aside) returned.
     pub fn count_again(&mut self, counted: f64) {
-        self.counted_before += std::mem::replace(&mut self.counted, counted);
+        self.counted = counted;
     }
 
     /// Starts counting from zero again. Allowed is then what this machine does in [`OF_TIME_LEFT`]
@@ -235,14 +232,14 @@ impl Budget {
         if self.all_counted == 0.0 {
             return false;
         }
-        let rate = (self.counted_before + self.counted) / now;
+        let rate = self.all_counted / now;
         let rate = rate.max(self.counted / (now - self.counting_since));
         let [now, held] = self.from_rank_zero([now, OF_TIME_LEFT * rate * (self.limit - now)]);
         let least = if self.counted > 0.0 { 0.25 } else { 1.0 };
         let worth = held > least * self.allowed;
         if worth {
             (self.counting_since, self.allowed) = (now, held.min(MOST_MORE * self.allowed));
-            self.counted_before += std::mem::take(&mut self.counted);
+            self.counted = 0.0;
         }
         worth
     }

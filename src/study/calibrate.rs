@@ -199,14 +199,7 @@ impl CalibratedCase<'_> {
         watch.part("weights", block.system.weight_seconds);
         watch.lap("assemble");
         let (world, rank_cells) = (&block.communicator.world, &block.rank_cells);
-        let exact = ExactTask {
-            world,
-            case: &part,
-            rank_cells,
-            prints: false,
-            walltime: None,
-            program_start: self.world.started,
-        };
+        let exact = ExactTask { world, case: &part, rank_cells, prints: false, wall: None };
         let found = exact.run()?;
         if found.exact.is_some() {
             let seconds = watch.last.elapsed().as_secs_f64();

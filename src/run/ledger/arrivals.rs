@@ -22,13 +22,11 @@ use crate::problem::case::Case;
 use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, coordinate};
 use crate::problem::potential::{Potential, is_one_piece};
-use crate::results::accuracy::ParticleErrors;
+use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors};
 use crate::results::ledger::STANDARD_ERRORS;
 use crate::run::ledger::draw::{Particle, REPLICATES};
 use std::ops::Range;
 
-/// Parts of space along each axis whose masses are compared, by dimension.
-const PARTS: [usize; MAX_DIMENSION] = [16, 4, 3];
 /// About the largest number of products by which `f_h` is evaluated, and the least number of
 /// particles of a replicate.
 const MOST_PRODUCTS: usize = 20_000_000;
@@ -231,7 +229,7 @@ impl GatheredArrivals {
     ) -> DensityErrors {
         let all = &self.by_replicate;
         let (space, share) = (&result.case.space, result.share);
-        let most = PARTS[space.dimension() - 1];
+        let most = PARTS_OF_SPACE[space.dimension() - 1];
         let part_of =
             |axis: &Axis, element: usize| element * most.min(axis.elements()) / axis.elements();
         let number = |parts: &mut dyn Iterator<Item = usize>| parts.fold(0, |at, k| at * most + k);
