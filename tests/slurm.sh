@@ -14,8 +14,10 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 say() { echo "slurm: $*"; }
+failure=
 fail() {
-    say "FAILED: $*"
+    failure="FAILED: $*"
+    say "$failure"
     exit 1
 }
 skip() {
@@ -98,11 +100,15 @@ stop() {
     done
     if [ "$code" -ne 0 ]; then
         tail -n 20 "$place"/*.log "$place"/work/*.log 2>/dev/null || true
+        # Again, where the end of a long log shows it.
+        say "${failure:-FAILED at: $failed_command}"
     fi
     sleep 1
     rm -rf "$place"
 }
 trap stop EXIT
+failed_command=unknown
+trap 'failed_command="line $LINENO: $BASH_COMMAND"' ERR
 
 mkdir -p "$place"/{munge,state,spool,work}
 chmod 755 "$place"
@@ -193,7 +199,7 @@ ended() {
 }
 
 # Timings decide nothing here: a run is stopped as soon as it says that it is at work, and the one
-# that waits for Slurm's own signal takes 400 s by the plan, where the signal comes after 55 s.
+# that waits for Slurm's own signal takes 400 s by the plan, where the signal comes after 15 to 45 s.
 case=cases/example1.toml
 settings=(--set solver.warp.profile=exponential --set solver.tolerance=1e-2)
 seconds_of_1024=$(srun -n "$ranks" "$program" plan "$case" --calibrate --json "${settings[@]}" \
@@ -256,10 +262,10 @@ say "the same bits, nothing computed twice"
 scontrol show job "$job" | grep -E "JobId|JobState|RunTime|Command"
 sacct --completion --format=jobid,jobname,state 2>/dev/null || true
 
-# Stopped by Slurm before the time limit. Slurm looks every 30 s, so the signal comes 25 to 55 s
+# Stopped by Slurm before the time limit. Slurm looks every 30 s, so the signal comes 15 to 45 s
 # after the start. The environment wins over the script's own lines.
 started=$SECONDS
-signalled=$(SBATCH_SIGNAL=B:USR1@5 submit --time=1 --job-name=signalled jobscripts/run.sbatch \
+signalled=$(SBATCH_SIGNAL=B:USR1@15 submit --time=1 --job-name=signalled jobscripts/run.sbatch \
     "$case" results/signalled "${long[@]}")
 finish "$signalled" 120
 ended "$signalled" "FAILED 75:0"

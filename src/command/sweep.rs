@@ -16,8 +16,8 @@ use std::path::Path;
 
 /// Written as soon as a signal requests a stop.
 const STOP_MESSAGES: StopMessages = StopMessages {
-    set_up: "stopped by a signal before the first mode of a run: nothing to store; the same\n  \
-             command goes on\n",
+    set_up: "stopped by a signal before the first mode of a run: nothing to store;\n  \
+             the same command goes on\n",
     modes: "stop signal: this run writes a checkpoint, or ends if it makes none; a second signal \
             ends at once\n",
 };
