@@ -10,7 +10,7 @@
 #
 # Exit code 0: passed or skipped; with PHASEWARP_SLURM=required only if passed. PHASEWARP names
 # another program than target/release/phasewarp.
-set -euo pipefail
+set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 say() { echo "slurm: $*"; }
@@ -199,7 +199,7 @@ ended() {
 }
 
 # Timings decide nothing here: a run is stopped as soon as it says that it is at work, and the one
-# that waits for Slurm's own signal takes 400 s by the plan, where the signal comes after 15 to 45 s.
+# that waits for Slurm's own signal takes 400 s by the plan; the signal comes after 15 to 45 s.
 case=cases/example1.toml
 settings=(--set solver.warp.profile=exponential --set solver.tolerance=1e-2)
 seconds_of_1024=$(srun -n "$ranks" "$program" plan "$case" --calibrate --json "${settings[@]}" \

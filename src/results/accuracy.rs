@@ -6,13 +6,20 @@ use crate::base::text::{
 pub use crate::problem::case::GridErrorPair;
 use crate::problem::case::{Case, Exact, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
-use crate::problem::grid::MAX_DIMENSION;
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::oblique::oblique_edges;
 use crate::scheme::interface::energy::{WITH_REST_ON_A_FACE, allows_elements};
 use serde::{Deserialize, Serialize};
 
 /// Parts of space along each axis whose masses particles of the exact flow compare, by dimension.
 pub const PARTS_OF_SPACE: [usize; MAX_DIMENSION] = [16, 4, 3];
+
+/// The power of the error of `f` that its smearing makes of the density. On cells the errors nearly
+/// cancel in the density after phase mixing, as found in the scenes of docs/verification.md. On
+/// elements a front that is smeared over a width `w` is `√w` off, its density `w`.
+pub fn density_power(space: &PhaseSpace) -> i32 {
+    if space.whole_degree() == 0 { 3 } else { 2 }
+}
 
 /// Relative errors of the grid that particles of the exact flow show; `None` where they do not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -22,12 +29,18 @@ pub struct ParticleErrors {
     /// Of `f` in L2, where the scatter is small: about this.
     #[serde(default)]
     pub field_mean: Option<f64>,
+    /// Of `f` in L2, whatever the scatter.
+    #[serde(default)]
+    pub field_rough: Option<f64>,
     /// Of the density in L1, beyond the scatter: at least this.
     pub density: Option<f64>,
     /// Of the density in L2, with the scatter: at most this, but for what varies within the parts
     /// of space whose masses are compared.
     #[serde(default)]
     pub density_most: Option<f64>,
+    /// Of the density in L2, if `f` is smeared out within each part of space: about this.
+    #[serde(default)]
+    pub density_smeared: Option<f64>,
 }
 
 /// Errors of the grid that are estimated from the solution alone.
@@ -44,6 +57,12 @@ pub struct EstimatedErrors {
 }
 
 impl EstimatedErrors {
+    /// These errors without that of the density, as a density that cancels has no relative error.
+    pub fn without_density(self) -> Self {
+        let grid = GridErrorPair { density: None, ..self.grid };
+        Self { grid, density_shown: None, ..self }
+    }
+
     /// These errors, but at least `share` where they are known: the part of all mass that the law
     /// at jumps of `V` adds or takes. It is about the error where `f` hardly varies along paths, so
     /// that these estimates see nothing, and may be too large after that mass has left.
@@ -54,21 +73,37 @@ impl EstimatedErrors {
     }
 
     /// These errors, but that of the density at least the part `share` of the kinetic energy by
-    /// which paths are off, if it is no larger than the error of `f`: that `of_particles`, or else
+    /// which paths are off, if it is no larger than the error of `f` that `particles` show, or else
     /// the estimate. The density is shifted as a whole then, so that neither its own coefficients
     /// nor the square of the error of `f` show it.
-    pub fn density_at_least(self, share: f64, of_particles: Option<f64>) -> Self {
-        let of_field = of_particles.or(self.grid.field);
+    pub fn density_at_least(self, share: f64, particles: &ParticleErrors) -> Self {
+        let of_field = particles.field_mean.or(self.field_with(particles));
         let least = of_field.map_or(share, |error| error.min(share));
         let density = self.grid.density.map(|error| error.max(least));
         Self { grid: GridErrorPair { density, ..self.grid }, ..self }
     }
 
-    /// The errors of the grid, where that of the density is no larger than what `particles` and its
-    /// own coefficients leave room for.
-    pub fn within(self, particles: ParticleErrors) -> GridErrorPair {
+    /// The errors of the grid with what `particles` show.
+    ///
+    /// That of `f` is at least what they show with a large scatter. That of the density is no
+    /// larger than what they and its own coefficients leave room for. It is at least a `power` of
+    /// the error of `f` that they show: of that in each part of space, and of a large one of the
+    /// whole. Where `f` was smeared out, the solution itself shows neither.
+    pub fn with_particles(self, particles: &ParticleErrors, power: i32) -> GridErrorPair {
         let most = self.density_shown.map_or(f64::INFINITY, |shown| particles.room_beside(shown));
-        GridErrorPair { density: self.grid.density.map(|error| error.min(most)), ..self.grid }
+        let of_whole = particles.field_mean.filter(|error| is_large(*error));
+        let of_whole = of_whole.map(|error| error.powi(power));
+        let smeared = of_whole.into_iter().chain(particles.density_smeared).fold(0.0, f64::max);
+        let smeared = smeared.min(particles.room_beside(0.0));
+        let density = self.grid.density.map(|error| error.min(most).max(smeared));
+        GridErrorPair { field: self.field_with(particles), density }
+    }
+
+    /// The error of `f`, but at least what particles show whose scatter is large. Those whose
+    /// scatter is small take the place of an estimate.
+    fn field_with(self, particles: &ParticleErrors) -> Option<f64> {
+        let rough = particles.field_rough.filter(|_| particles.field_mean.is_none());
+        self.grid.field.into_iter().chain(rough).reduce(f64::max)
     }
 }
 
@@ -76,17 +111,21 @@ impl ParticleErrors {
     /// These errors where the paths of the particles are off by themselves, by the relative L2
     /// error `traced` of `f`: beyond that, and no mean of which it is a large part.
     pub fn beyond_tracing(self, traced: f64) -> Self {
+        let is_accurate = |error: &f64| traced <= MOST_TRACED * error;
+        let field_rough = self.field_rough.filter(is_accurate);
         Self {
             field: self.field.map(|error| (error - traced).max(0.0)),
-            field_mean: self.field_mean.filter(|error| traced <= MOST_TRACED * error),
+            field_mean: self.field_mean.filter(is_accurate),
+            field_rough,
             density_most: self.density_most.map(|error| error + traced),
+            density_smeared: self.density_smeared.filter(|_| field_rough.is_some()),
             ..self
         }
     }
 
     /// The largest error of the density in L2 that these errors leave room for, beside one that its
     /// own coefficients show; infinite without particles.
-    fn room_beside(self, shown: f64) -> f64 {
+    fn room_beside(&self, shown: f64) -> f64 {
         self.density_most.map_or(f64::INFINITY, |most| WITHIN_PARTS * shown.hypot(most))
     }
 }
@@ -102,7 +141,7 @@ const MOST_TRACED: f64 = 0.25;
 pub enum ErrorSource {
     /// Measured against an exact solution.
     Measured,
-    /// Estimated from the solution.
+    /// Estimated from the solution, and from particles whose scatter is large.
     Estimated,
     /// Shown by particles of the exact flow.
     Particles,
@@ -239,22 +278,6 @@ impl Accuracy {
         let dominates = found.asked.is_some() && found.worst() > DOMINANT * of_algorithm;
         let under_resolved = found.is_coarse() || dominates;
         Self { under_resolved, ..found }
-    }
-
-    /// Counts the error of the density, if it is estimated, as no less than a `power` of a large
-    /// error of `f` that particles show. Where `f` was smeared out, the solution itself shows
-    /// neither. It is no larger than particles leave room for.
-    pub fn count_smeared_density(&mut self, power: i32) {
-        let shown = self.particles.field_mean.filter(|error| is_large(*error));
-        let most = self.particles.room_beside(0.0);
-        let least = shown.map(|error| error.powi(power).min(most));
-        let least = least.filter(|_| !self.grid_measured);
-        if let (Some(least), Some(density)) = (least, self.grid_density)
-            && least > density
-        {
-            self.grid_density = Some(least);
-            self.grid_density_source = Some(ErrorSource::Estimated);
-        }
     }
 
     /// The larger of the grid's errors of `f` and of the density; zero if none is known.
@@ -408,4 +431,56 @@ fn largest_order(case: &Case, degree: usize) -> Option<f64> {
     let is_second = case.limiter != Limiter::None || case.flux == 0.0;
     let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
     (!case.is_measure_valued()).then_some(order)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What particles show in parts of space raises estimates within what they leave room for; a
+    /// mean of small scatter takes the place of an estimate of `f` later.
+    #[test]
+    fn estimates_contain_what_particles_show() {
+        let estimated = EstimatedErrors {
+            grid: GridErrorPair { field: Some(0.02), density: Some(0.001) },
+            density_shown: Some(0.001),
+            interpolation: None,
+        };
+        let none = ParticleErrors::default();
+        let with = |particles: ParticleErrors| {
+            let found = estimated.with_particles(&particles, 2);
+            [found.field, found.density].map(|error| error.expect("an error"))
+        };
+        assert_eq!(with(none), [0.02, 0.001]);
+        assert_eq!(with(ParticleErrors { field_rough: Some(0.03), ..none }), [0.03, 0.001]);
+        assert_eq!(with(ParticleErrors { field_rough: Some(0.01), ..none }), [0.02, 0.001]);
+        let mean = ParticleErrors { field_mean: Some(0.03), field_rough: Some(0.03), ..none };
+        assert_eq!(with(mean), [0.02, 0.001]);
+        let smeared = ParticleErrors { density_smeared: Some(0.005), ..none };
+        assert_eq!(with(smeared), [0.02, 0.005]);
+        assert_eq!(with(ParticleErrors { density_most: Some(0.002), ..smeared }), [0.02, 0.004]);
+        // Of the whole a large error counts only.
+        let of_whole = |field_mean: f64| ParticleErrors { field_mean: Some(field_mean), ..none };
+        assert_eq!(with(of_whole(0.09)), [0.02, 0.001]);
+        assert_eq!(with(of_whole(0.5)), [0.02, 0.25]);
+        let without = estimated.without_density().with_particles(&smeared, 2);
+        assert_eq!((without.field, without.density), (Some(0.02), None));
+    }
+
+    /// Means and parts count only where paths are far more accurate than `f`.
+    #[test]
+    fn errors_of_paths_hide_those_of_f() {
+        let shown = ParticleErrors {
+            field_mean: Some(0.1),
+            field_rough: Some(0.1),
+            density_smeared: Some(0.02),
+            ..ParticleErrors::default()
+        };
+        let keeps = |traced: f64| {
+            let found = shown.beyond_tracing(traced);
+            [found.field_mean, found.field_rough, found.density_smeared].map(|e| e.is_some())
+        };
+        assert_eq!(keeps(0.9 * MOST_TRACED * 0.1), [true; 3]);
+        assert_eq!(keeps(1.1 * MOST_TRACED * 0.1), [false; 3]);
+    }
 }

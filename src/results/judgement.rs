@@ -3,16 +3,12 @@
 
 use crate::problem::case::{Case, Data, Integrator, Method};
 use crate::results::accuracy::{
-    Accuracy, EstimatedErrors, GridErrorPair, PARTS_OF_SPACE, STAIRCASE, hides_staircase, is_large,
+    Accuracy, EstimatedErrors, GridErrorPair, PARTS_OF_SPACE, STAIRCASE, density_power,
+    hides_staircase, is_large,
 };
 use crate::results::summary::Summary;
 use crate::results::verdict::{FAR_ABOVE, MissedGoals, Verdict};
 
-/// After phase mixing the error of the density is about this power of that of `f`: on cells, whose
-/// errors nearly cancel in the density, as found in the scenes of docs/verification.md.
-const POWER_OF_CELLS: i32 = 3;
-/// The same for elements: a front that is smeared over a width `w` is `√w` off, its density `w`.
-const POWER_OF_ELEMENTS: i32 = 2;
 /// The algorithm's error is most of a measured one from this part on.
 const LARGE_PART: f64 = 0.5;
 
@@ -68,11 +64,9 @@ impl Summary {
             inherited: self.continued.as_ref().map_or(GridErrorPair::default(), |c| c.grid),
             ..Accuracy::default()
         };
-        let estimated = estimated.within(accuracy.particles);
+        let power = density_power(&case.space);
+        let estimated = estimated.with_particles(&accuracy.particles, power);
         self.accuracy = accuracy.with_grid(measured, estimated);
-        let is_of_cells = case.space.whole_degree() == 0;
-        let power = if is_of_cells { POWER_OF_CELLS } else { POWER_OF_ELEMENTS };
-        self.accuracy.count_smeared_density(power);
         self.missed = missed_goals(case, self);
         let rough = self.error_estimate.filter(|_| self.missed.tolerance.is_some());
         let accuracy = &mut self.accuracy;

@@ -75,7 +75,7 @@ pub struct GridErrors {
 }
 
 /// A density below this part of `∫ |f|` is zero up to round-off.
-const CANCELLED: f64 = 1e-8;
+pub const CANCELLED: f64 = 1e-8;
 /// Largest error of the exact density, relative to the run's error, without a warning.
 const LARGEST_EXACT_ERROR: f64 = 0.25;
 

@@ -11,7 +11,7 @@
 //! fall fast, as for smooth data, they are smaller by the same rate. The error of the density is of
 //! the order of the square of that of `f`: an error that is smeared over a front of width `w` is
 //! `√w` in L2 and `w` in the density, and smooth errors nearly cancel. After phase mixing it is far
-//! smaller; particles of the exact flow may show that later ([`EstimatedErrors::within`]).
+//! smaller; particles of the exact flow may show that later ([`EstimatedErrors::with_particles`]).
 //!
 //! docs/limits.md says how reliable the estimates are; tests/cli/accuracy.rs tests it.
 
@@ -27,6 +27,7 @@ use crate::problem::grid::{Axis, Cell, PhaseSpace};
 use crate::problem::potential::resolution::largest_differences_on_elements;
 use crate::propagate::limiter::half_difference;
 use crate::results::accuracy::{EstimatedErrors, GridErrorPair};
+use crate::results::summary::CANCELLED;
 use crate::run::ledger::arrivals::ComparedResult;
 use crate::scheme::interface::law_of;
 use crate::scheme::rows::Scheme;
@@ -108,6 +109,13 @@ pub fn of_the_potential(world: &Group, result: &ComparedResult<'_>) -> f64 {
     };
     let sum: f64 = parts.map(part).filter(|share| share.is_finite()).sum();
     POTENTIAL_FACTOR * sum
+}
+
+/// Whether the density of `result` is round-off, as of an `f` that is odd in `v`. Collective.
+pub fn density_cancels(world: &Group, result: &ComparedResult<'_>) -> bool {
+    let volumes = CellVolumes::new(&result.case.space, result.share);
+    let [density] = volumes.integrals(world, |c| [result.density[c].abs()]);
+    density <= CANCELLED * volumes.mean * volumes.sum(world, |i| result.field[i].abs())
 }
 
 /// A bound on the relative L2 error of linear interpolation of `f` between the velocities, by its

@@ -106,7 +106,7 @@ impl ExactTask<'_> {
         Err(Error::WallTime {
             seconds: wall.as_secs_f64(),
             why: format!(
-                "the exact solution, which comes before the modes, takes longer; \
+                "set-up and the exact solution, which come before the modes, take longer; \
                  {at_end}{WITHOUT_EXACT_SOLUTION}"
             ),
         })

@@ -21,9 +21,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::exact::{Crossing, Foot, MOST_EXAMINED, MostCells, Tracer};
 use crate::results::accuracy::ParticleErrors;
-use crate::run::ledger::arrivals::{
-    ComparedResult, beyond_scatter, is_mixed, most_values, values_at,
-};
+use crate::run::ledger::arrivals::{ComparedResult, ShownError, is_mixed, most_values, values_at};
 use crate::run::ledger::draw::REPLICATES;
 use crate::run::ledger::tracking::is_reflected;
 use rand_chacha::ChaCha8Rng;
@@ -79,9 +77,12 @@ pub fn errors(world: &Group, result: &ComparedResult<'_>) -> Result<ParticleErro
     let terms: Vec<[f64; 2 * REPLICATES]> = mine.map(term).collect();
     let sums = world.sum_lanes(points.len(), terms.iter().copied());
     let (errors, sizes) = sums.split_at(REPLICATES);
-    let [field, mean] = beyond_scatter(errors, sizes);
-    let field_mean = mean.filter(|_| !is_mixed(space));
-    Ok(ParticleErrors { field, field_mean, ..ParticleErrors::default() })
+    let shown = ShownError::of(errors, sizes);
+    Ok(ParticleErrors {
+        field: shown.map(|shown| shown.least),
+        field_mean: shown.and_then(|shown| shown.mean()).filter(|_| !is_mixed(space)),
+        ..ParticleErrors::default()
+    })
 }
 
 /// The mean of the products of any two of the `values`.

@@ -17,6 +17,10 @@ use crate::solve::system::{DiscreteSystem, RoughSolution, StateNorms, SystemLimi
 
 /// Margin for the error of the probe.
 const PROBE_SAFETY: f64 = 1.01;
+/// Longest part `rate·time` of a leg that is propagated roughly before the norm is looked at.
+const LONGEST_PIECE: f64 = 1e4;
+/// A field whose norm has fallen to this part in a leg has left the box.
+const GONE: f64 = 1e-40;
 /// The left half of a disc of this radius lies in the stability region of SSP-RK3.
 const RUNGE_KUTTA_RADIUS: f64 = 1.7;
 
@@ -116,7 +120,7 @@ impl Prepared {
         let is_whole = case.legs().len() == 1 && communicator.modes.size() == 1;
         let state = last.filter(|_| is_whole).unwrap_or_else(|| {
             let (mut state, time) = (system.states[0].clone(), case.duration());
-            propagate_roughly(&system.matrix, &mut system.exchange, bounds, time, &mut state);
+            propagate_leg(system, communicator, bounds, time, &mut state);
             state
         });
         let start = system.norm(communicator, &system.states[0]);
@@ -137,14 +141,19 @@ impl Prepared {
             return Probe { ratio: ratio.max(1.0) / (1.0 - TIME_SHARE), last };
         }
         let (group, groups) = (communicator.modes.rank(), communicator.modes.size());
-        for (field, start) in system.states.iter().enumerate().skip(group).step_by(groups) {
-            let mut state = start.clone();
-            let start = system.norm(communicator, start);
+        for field in (group..system.states.len()).step_by(groups) {
+            let mut state = system.states[field].clone();
+            let start = system.norm(communicator, &state);
             for time in case.legs() {
-                propagate_roughly(&system.matrix, &mut system.exchange, bounds, time, &mut state);
+                let is_gone = propagate_leg(system, communicator, bounds, time, &mut state);
                 let now = system.field_norm(communicator, &state);
                 if start != 0.0 {
+                    let now = if is_gone { GONE * start } else { now };
                     largest = largest.max(PROBE_SAFETY * start / now);
+                }
+                // A larger ratio changes no decision.
+                if is_gone {
+                    break;
                 }
             }
             if field == 0 {
@@ -193,6 +202,26 @@ impl Prepared {
         drop(system);
         Self::with_sweeps(world, &case, &expected, plan, max_weight_sweeps)
     }
+}
+
+/// As [`propagate_roughly`] over a leg, in pieces, until hardly any of the `state` is left in the
+/// box; whether that is so. Collective over the space group.
+fn propagate_leg(
+    system: &mut DiscreteSystem,
+    communicator: &Communicator,
+    bounds: &Bounds,
+    time: f64,
+    state: &mut [f64],
+) -> bool {
+    let start = system.norm(communicator, state);
+    let pieces = (bounds.rate * time / LONGEST_PIECE).ceil().max(1.0);
+    for _ in 0..pieces as usize {
+        propagate_roughly(&system.matrix, &mut system.exchange, bounds, time / pieces, state);
+        if system.field_norm(communicator, state) < GONE * start {
+            return true;
+        }
+    }
+    false
 }
 
 /// `state ← exp(A time) state`, to about three digits of its norm: one real vector. Collective over

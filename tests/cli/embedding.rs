@@ -47,6 +47,12 @@ fn inflows_that_no_embedding_can_treat_are_refused() {
             &["axis.0.x.cells=8", "axis.0.v.cells=6", "time.end=3000"],
             &["nearly all of f has left the box by time.end", "an earlier one"],
         ),
+        // The probe ends as soon as the norm has fallen by a factor of 1e40.
+        (
+            "step_up.toml",
+            &["axis.0.x.cells=8", "axis.0.v.cells=6", "time.end=100000"],
+            &["falls by a factor", "e40 from state to field", "an earlier one"],
+        ),
         (
             "pulsed_inflow.toml",
             &["inflow.value='1/(t - 1.2)'"],

@@ -2,8 +2,8 @@
 //! reported.
 
 use crate::support::{
-    Job, Stored, Summary, at_most, cases, check, check_all, datasets, directory, near, require,
-    run, text_of, written,
+    Job, Stored, Summary, at_most, cases, check, check_all, datasets, directory, near, of_case,
+    require, run, text_of, written,
 };
 use serde_json::Value;
 use std::path::Path;
@@ -354,6 +354,14 @@ fn unbalanced_mass_is_reported() {
         let sign = row.find('✗').unwrap_or(usize::MAX) < row.find('✓').unwrap_or(usize::MAX);
         summary.require(sign, || row.chars().take(200).collect())
     });
+}
+
+/// `check` says that nothing is left at the end, where it does not measure the norm then.
+#[test]
+fn a_box_that_is_empty_at_the_end_gives_a_warning() {
+    let checked = of_case("check", "example1.toml").set(&["time.end=10000"]).succeed().unwrap();
+    let warns = checked.errors.contains("mass: an estimated 100.00 % leaves the box by time.end");
+    require(warns, &checked, || "a warning expected".to_owned()).unwrap();
 }
 
 /// A scene in equilibrium: `V` is 0.3 where `raised` holds, and `f` a function of the energy.

@@ -193,6 +193,21 @@ fn potentials_that_may_be_meant_are_no_doubts() {
     assert!(text.contains("potential.2, 1 element along x\n"), "{text}");
 }
 
+/// A box that is empty at the end gives a warning, unless something enters.
+#[test]
+fn nothing_left_at_the_end_gives_a_warning() {
+    for (left, entered, warns) in [(2.0, 0.0, true), (1.999, 0.0, false), (2.0, 0.1, false)] {
+        let mut ledger = sound();
+        (ledger.mass.lost, ledger.mass.left_estimate) = (Some(left), Some(left));
+        (ledger.mass.entered, ledger.mass.entered_estimate) = (Some(entered), Some(entered));
+        ledger.mass.interface_estimate = None;
+        let found = ledger.warnings();
+        assert_eq!(found.len(), usize::from(warns), "{left}, {entered}: {found:?}");
+        assert!(found.iter().all(|text| text.contains("100.00 % leaves the box by time.end")));
+        assert!(ledger.doubts().is_empty());
+    }
+}
+
 #[test]
 fn lines_contain_known_numbers_only() {
     assert!(Ledger::default().lines().is_empty());

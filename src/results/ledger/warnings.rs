@@ -14,6 +14,9 @@ const OF_MEASURES: &str = "the density is read off phi and psi, which does not k
                            the grid does not resolve them";
 /// A grid that holds less than this part of the mass of the data lacks most of them.
 const LEAST_PART: f64 = 0.5;
+/// A box that holds less than this part of the data at the end is empty: one of the particles that
+/// are followed is more.
+const LEAST_LEFT: f64 = 1e-4;
 /// Least number of cells across a region of `V` that is resolved. For a degree above 0 one element
 /// resolves a region of its own width.
 const CELLS_OF_REGION: usize = 4;
@@ -24,11 +27,12 @@ impl Ledger {
     /// Warnings to the user, each with a remedy.
     pub fn warnings(&self) -> Vec<String> {
         let found = self.doubts().into_iter();
-        found.chain(self.wall_warnings()).chain(self.narrow_warnings()).collect()
+        let found = found.chain(self.wall_warnings()).chain(self.narrow_warnings());
+        found.chain(self.all_left_warning()).collect()
     }
 
-    /// The warnings that put mass or energy in doubt. Other warnings are about potentials that may
-    /// be intended.
+    /// The warnings that put mass or energy in doubt. Other warnings are about potentials and times
+    /// that may be intended.
     pub fn doubts(&self) -> Vec<String> {
         let found = [
             self.grid_warning(),
@@ -211,6 +215,20 @@ impl Ledger {
                 "mass: {} of it is gone at the end, and space has no ends: the velocity box is too \
                  small, or scheme.interface = \"hat\" takes it",
                 percent(share)
+            )
+        })
+    }
+
+    /// Warning that hardly any of the data are left at the end.
+    fn all_left_warning(&self) -> Option<String> {
+        let entered = [self.mass.entered, self.mass.entered_estimate];
+        let nothing_enters = entered.into_iter().flatten().all(|mass| mass == 0.0);
+        let left = self.share(self.mass.left_estimate?)?.abs();
+        (nothing_enters && left > 1.0 - LEAST_LEFT).then(|| {
+            format!(
+                "mass: an estimated {} leaves the box by time.end, and errors are relative to \
+                 what little is left; choose an earlier end or a larger box",
+                percent(left)
             )
         })
     }

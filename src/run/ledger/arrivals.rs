@@ -14,6 +14,9 @@
 //! [`STANDARD_ERRORS`] standard errors of the replicates: small errors are not shown, nor those
 //! where no particle arrives. `f_h` is the polynomial of each element along axes of a higher
 //! degree, and interpolated between centres along those of degree 0.
+//!
+//! In a part of space whose relative error of `f` is `e`, the relative error of the density is
+//! about `e³` on cells and `2 e²` on elements, and at most `e` ([`density_power`]).
 
 use crate::base::error::Result;
 use crate::matrix::observables::CellVolumes;
@@ -22,7 +25,7 @@ use crate::problem::case::Case;
 use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, coordinate};
 use crate::problem::potential::{Potential, is_one_piece};
-use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors};
+use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors, density_power};
 use crate::results::ledger::STANDARD_ERRORS;
 use crate::run::ledger::draw::{Particle, REPLICATES};
 use std::ops::Range;
@@ -33,6 +36,11 @@ const MOST_PRODUCTS: usize = 20_000_000;
 const LEAST_PARTICLES: usize = 16;
 /// Least number of replicates of which particles arrive.
 const LEAST_REPLICATES: usize = 12;
+/// Particles of each part of space in which the errors of `f` are found, on average.
+const PARTICLES_OF_PART: usize = 16;
+/// The part of the square of the error at a smeared front that particles see: they are where
+/// `f ≠ 0` only.
+const SEEN_OF_FRONT: f64 = 0.5;
 /// Standard errors of a mass by which it may be off, in an error that is at most so large.
 const SCATTER_OF_MOST: f64 = 2.0;
 /// Largest standard error of the square of an error, as a part of it, with which the mean counts.
@@ -131,10 +139,13 @@ impl Arrivals {
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
     pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
-        let is_kept = keeps_values(result.case);
-        let [field, field_mean] = if is_kept { self.field_error(world, result) } else { [None; 2] };
+        let field = if keeps_values(result.case) {
+            self.field_errors(world, result)
+        } else {
+            ParticleErrors::default()
+        };
         let DensityErrors { least, most } = self.density_errors(world, result, result.density);
-        ParticleErrors { field, field_mean, density: least, density_most: most }
+        ParticleErrors { density: least, density_most: most, ..field }
     }
 
     /// About the relative L2 error of the values of some arrivals where `V` is approximated: what
@@ -180,10 +191,11 @@ impl GatheredArrivals {
         Some(difference / size).filter(|error| error.is_finite())
     }
 
-    /// `‖f_h − f‖ / ‖f‖` in L2, where `f ≠ 0`: less the scatter, and the mean if its scatter is
-    /// small. Along axes of degree 0 beside others `f_h` varies between centres by another rule
-    /// than where errors are measured, so that there is no mean. Collective.
-    fn field_error(&self, world: &Group, result: &ComparedResult<'_>) -> [Option<f64>; 2] {
+    /// The errors that follow from `f`, where `f ≠ 0`: `‖f_h − f‖ / ‖f‖` in L2 less the scatter,
+    /// the mean, and the error of the density that remains of it. Along axes of degree 0 beside
+    /// others `f_h` varies between centres by another rule than where errors are measured, so that
+    /// only the first is known. Collective.
+    fn field_errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
         let all = &self.by_replicate;
         let space = &result.case.space;
         let most = (most_values(space) / REPLICATES).max(LEAST_PARTICLES);
@@ -195,17 +207,31 @@ impl GatheredArrivals {
         let chosen: Vec<Vec<ArrivedParticle>> = all.iter().enumerate().map(some).collect();
         let points: Vec<[f64; 6]> = chosen.iter().flatten().map(|arrival| arrival.point).collect();
         let mut values = values_at(world, result, &points).into_iter();
+        let parts = SpaceParts::for_particles(space, points.len());
+        let mut by_part = vec![ParticleSums::default(); parts.count()];
         let sums = chosen.iter().map(|of| {
-            let terms = of.iter().zip(values.by_ref()).map(
-                |(ArrivedParticle { mass, value: exact, .. }, value)| {
-                    [mass / exact * (value - exact) * (value - exact), mass * exact]
-                },
-            );
-            terms.fold([0.0; 2], |sums, terms| [sums[0] + terms[0], sums[1] + terms[1]])
+            let mut sums = ParticleSums::default();
+            for (arrival, value) in of.iter().zip(values.by_ref()) {
+                sums.add(arrival, value);
+                by_part[parts.at(&arrival.point)].add(arrival, value);
+            }
+            sums
         });
-        let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|[error, size]| (error, size)).unzip();
-        let [least, mean] = beyond_scatter(&errors, &sizes);
-        [least, mean.filter(|_| !is_mixed(space))]
+        let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|of| (of.error, of.size)).unzip();
+        let Some(shown) = ShownError::of(&errors, &sizes) else {
+            return ParticleErrors::default();
+        };
+        let field = Some(shown.least);
+        if is_mixed(space) {
+            return ParticleErrors { field, ..ParticleErrors::default() };
+        }
+        ParticleErrors {
+            field,
+            field_mean: shown.mean(),
+            field_rough: Some(shown.rough),
+            density_smeared: parts.smeared(&by_part),
+            ..ParticleErrors::default()
+        }
     }
 
     /// The difference between a mass and that of all arrivals, beyond the scatter of the latter.
@@ -229,39 +255,22 @@ impl GatheredArrivals {
     ) -> DensityErrors {
         let all = &self.by_replicate;
         let (space, share) = (&result.case.space, result.share);
-        let most = PARTS_OF_SPACE[space.dimension() - 1];
-        let part_of =
-            |axis: &Axis, element: usize| element * most.min(axis.elements()) / axis.elements();
-        let number = |parts: &mut dyn Iterator<Item = usize>| parts.fold(0, |at, k| at * most + k);
-        let count = most.pow(space.dimension() as u32);
+        let parts = SpaceParts::new(space, PARTS_OF_SPACE[space.dimension() - 1]);
+        let count = parts.count();
         let mut masses_of = vec![vec![0.0; all.len()]; count];
         let (mut absolute, mut arrived) = (0.0, 0);
         for (replicate, arrivals) in all.iter().enumerate() {
             for ArrivedParticle { point, mass, .. } in arrivals {
-                let axes = space.x.iter().zip(point);
-                let at = number(&mut axes.map(|(axis, x)| part_of(axis, axis.element_at(*x))));
+                let at = parts.at(point);
                 masses_of[at][replicate] += mass;
                 absolute += mass.abs();
                 arrived += 1;
             }
         }
-        // The last axis is the fastest.
-        let volume_of = |part: usize| -> f64 {
-            let along = space.x.iter().rev().enumerate().map(|(back, axis)| {
-                let own = part / most.pow(back as u32) % most;
-                let elements = (0..axis.elements()).filter(|e| part_of(axis, *e) == own);
-                elements.count() as f64 * axis.width()
-            });
-            along.product()
-        };
         // A part that no particle reached may have the mass of some.
         let of_particle = absolute / (arrived.max(1) * all.len()) as f64;
         let volumes = CellVolumes::new(space, share);
-        let place = |cell: [usize; MAX_DIMENSION]| {
-            let axes = space.x.iter().zip(cell);
-            number(&mut axes.map(|(axis, j)| part_of(axis, axis.element_of(j as i64) as usize)))
-        };
-        let places: Vec<usize> = box_cells(share).map(place).collect();
+        let places: Vec<usize> = box_cells(share).map(|cell| parts.of_cell(&cell)).collect();
         let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
         let (mut square_of_most, mut square) = (0.0, 0.0);
         let found = volumes.integrals_by_part(world, density, &places, count);
@@ -272,11 +281,9 @@ impl GatheredArrivals {
             shown += (difference - STANDARD_ERRORS * scatter).max(0.0);
             size += expected.abs();
             total += found;
-            let volume = volume_of(part);
-            if volume > 0.0 {
-                square_of_most += (difference + SCATTER_OF_MOST * scatter).powi(2) / volume;
-                square += expected * expected / volume;
-            }
+            let volume = parts.volume(part);
+            square_of_most += (difference + SCATTER_OF_MOST * scatter).powi(2) / volume;
+            square += expected * expected / volume;
         }
         // The whole mass is known better than its parts if little of it leaves.
         shown = shown.max(self.mass_difference(total));
@@ -288,28 +295,150 @@ impl GatheredArrivals {
     }
 }
 
+/// Parts of space: as many elements each, or one more, along an axis. The last axis is the fastest.
+struct SpaceParts<'a> {
+    space: &'a PhaseSpace,
+    /// The numbers of elements of the parts, by axis.
+    elements: Vec<Vec<usize>>,
+}
+
+impl<'a> SpaceParts<'a> {
+    /// At most `most` parts along each axis.
+    fn new(space: &'a PhaseSpace, most: usize) -> Self {
+        let elements = |axis: &Axis| {
+            let mut elements = vec![0; most.min(axis.elements())];
+            let count = elements.len();
+            (0..axis.elements()).for_each(|e| elements[e * count / axis.elements()] += 1);
+            elements
+        };
+        Self { space, elements: space.x.iter().map(elements).collect() }
+    }
+
+    /// As many parts as so many `particles` allow of [`PARTICLES_OF_PART`] each.
+    fn for_particles(space: &'a PhaseSpace, particles: usize) -> Self {
+        let (dimension, mut most) = (space.dimension() as u32, 1_usize);
+        while (most + 1).pow(dimension) * PARTICLES_OF_PART <= particles {
+            most += 1;
+        }
+        Self::new(space, most)
+    }
+
+    /// The number of parts.
+    fn count(&self) -> usize {
+        self.elements.iter().map(Vec::len).product()
+    }
+
+    /// The part of the element with these numbers along the axes.
+    fn number(&self, element_along: impl Fn(usize) -> usize) -> usize {
+        let axes = self.space.x.iter().zip(&self.elements).enumerate();
+        axes.fold(0, |part, (a, (axis, elements))| {
+            let parts = elements.len();
+            part * parts + element_along(a) * parts / axis.elements()
+        })
+    }
+
+    /// The part of a point `[x, y, z, …]`.
+    fn at(&self, point: &[f64; 6]) -> usize {
+        self.number(|a| self.space.x[a].element_at(point[a]))
+    }
+
+    /// The part of a cell.
+    fn of_cell(&self, cell: &[usize; MAX_DIMENSION]) -> usize {
+        self.number(|a| self.space.x[a].element_of(cell[a] as i64) as usize)
+    }
+
+    /// The volume of a part.
+    fn volume(&self, part: usize) -> f64 {
+        let mut rest = part;
+        let along = self.space.x.iter().zip(&self.elements).rev().map(|(axis, elements)| {
+            let own = elements[rest % elements.len()];
+            rest /= elements.len();
+            own as f64 * axis.width()
+        });
+        along.product()
+    }
+
+    /// The relative L2 error of the density if that of each part follows from the error of `f`
+    /// there.
+    fn smeared(&self, by_part: &[ParticleSums]) -> Option<f64> {
+        let power = density_power(self.space);
+        let seen = if self.space.whole_degree() == 0 { 1.0 } else { SEEN_OF_FRONT };
+        let (mut error, mut size) = (0.0, 0.0);
+        for (part, of) in by_part.iter().enumerate().filter(|(_, of)| of.size > 0.0) {
+            let of_field = (of.error / of.size).sqrt();
+            let missing = of_field.min(of_field.powi(power) / seen) * of.absolute;
+            error += missing * missing / self.volume(part);
+            size += of.mass * of.mass / self.volume(part);
+        }
+        Some((error / size).sqrt()).filter(|error| error.is_finite()).map(|error| error.min(1.0))
+    }
+}
+
+/// Sums over particles.
+#[derive(Clone, Default)]
+struct ParticleSums {
+    /// `∫ (f_h − f)²` where `f ≠ 0`.
+    error: f64,
+    /// `∫ f²`.
+    size: f64,
+    /// `∫ f`.
+    mass: f64,
+    /// `∫ |f|`.
+    absolute: f64,
+}
+
+impl ParticleSums {
+    /// Adds an arrival at which `f_h` has the given value.
+    fn add(&mut self, arrival: &ArrivedParticle, value: f64) {
+        let ArrivedParticle { mass, value: exact, .. } = arrival;
+        self.error += mass / exact * (value - exact) * (value - exact);
+        self.size += mass * exact;
+        self.mass += mass;
+        self.absolute += mass.abs();
+    }
+}
+
 /// Whether `f` keeps its value along the path of a particle: not for measure-valued data, nor at a
 /// jump of partial reflection.
 fn keeps_values(case: &Case) -> bool {
     !case.is_measure_valued() && !case.reflects()
 }
 
-/// Relative errors by the squares of errors and of sizes of each replicate: less the scatter, and
-/// the mean if its scatter is small. None where the size is not known.
-pub fn beyond_scatter(errors: &[f64], sizes: &[f64]) -> [Option<f64>; 2] {
-    // The scatter of squares of tiny or huge values is no number; a power of two changes no bits.
-    let largest = sizes.iter().fold(0.0, |most: f64, size| most.max(size.abs()));
-    let unit = largest.log2().floor().exp2();
-    let in_units = |squares: &[f64]| mean(&squares.iter().map(|x| x / unit).collect::<Vec<_>>());
-    let ([error, scatter], [size, of_size]) = (in_units(errors), in_units(sizes));
-    let is_known = error.is_finite() && size > 0.0 && of_size <= MOST_SCATTER * size;
-    if !is_known {
-        return [None; 2];
+/// A relative error that particles show.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShownError {
+    /// Less the scatter: at least this.
+    pub least: f64,
+    /// The mean over the replicates.
+    pub rough: f64,
+    /// Whether the scatter of the mean is small.
+    is_sharp: bool,
+}
+
+impl ShownError {
+    /// The error by the squares of errors and of sizes of each replicate; `None` where the size is
+    /// not known.
+    pub fn of(errors: &[f64], sizes: &[f64]) -> Option<Self> {
+        // The scatter of squares of tiny or huge values is no number; a power of two changes no
+        // bits.
+        let largest = sizes.iter().fold(0.0, |most: f64, size| most.max(size.abs()));
+        let unit = largest.log2().floor().exp2();
+        let in_units =
+            |squares: &[f64]| mean(&squares.iter().map(|x| x / unit).collect::<Vec<_>>());
+        let ([error, scatter], [size, of_size]) = (in_units(errors), in_units(sizes));
+        let is_known = error.is_finite() && size > 0.0 && of_size <= MOST_SCATTER * size;
+        let relative = |square: f64| (square.max(0.0) / size).sqrt().min(1.0);
+        is_known.then(|| Self {
+            least: relative(error - STANDARD_ERRORS * scatter),
+            rough: relative(error),
+            is_sharp: scatter <= MOST_SCATTER * error,
+        })
     }
-    let relative = |square: f64| (square.max(0.0) / size).sqrt().min(1.0);
-    let is_sharp = scatter <= MOST_SCATTER * error;
-    let shown = relative(error - STANDARD_ERRORS * scatter);
-    [Some(shown), is_sharp.then(|| relative(error))]
+
+    /// The mean, if its scatter is small.
+    pub fn mean(&self) -> Option<f64> {
+        self.is_sharp.then_some(self.rough)
+    }
 }
 
 /// A mean over the replicates, and its standard error.
@@ -471,20 +600,22 @@ mod tests {
     #[test]
     fn errors_of_unknown_size_are_unknown() {
         let errors = [1.0; REPLICATES];
-        let some = |size: f64| beyond_scatter(&errors, &[size; REPLICATES]);
-        assert_eq!(some(4.0), [Some(0.5), Some(0.5)]);
-        assert_eq!(some(0.0), [None, None]);
-        assert_eq!(some(-1.0), [None, None]);
-        assert_eq!(some(f64::NAN), [None, None]);
-        assert_eq!(beyond_scatter(&[0.0; REPLICATES], &[0.0; REPLICATES]), [None, None]);
+        let shown = |errors: &[f64], sizes: &[f64]| {
+            ShownError::of(errors, sizes).map(|shown| (shown.least, shown.rough, shown.mean()))
+        };
+        let some = |size: f64| shown(&errors, &[size; REPLICATES]);
+        assert_eq!(some(4.0), Some((0.5, 0.5, Some(0.5))));
+        assert_eq!(some(0.0), None);
+        assert_eq!(some(-1.0), None);
+        assert_eq!(some(f64::NAN), None);
+        assert_eq!(shown(&[0.0; REPLICATES], &[0.0; REPLICATES]), None);
         let scattered =
             std::array::from_fn::<f64, REPLICATES, _>(|k| if k == 0 { 1.0 } else { 0.0 });
-        assert_eq!(beyond_scatter(&errors, &scattered), [None, None]);
-        let [least, mean] = beyond_scatter(&scattered, &[1.0; REPLICATES]);
-        assert_eq!((least, mean), (Some(0.0), None));
+        assert_eq!(shown(&errors, &scattered), None);
+        assert_eq!(shown(&scattered, &[1.0; REPLICATES]), Some((0.0, 0.25, None)));
         let wrong =
             std::array::from_fn::<f64, REPLICATES, _>(|k| if k == 0 { f64::NAN } else { 1.0 });
-        assert_eq!(beyond_scatter(&wrong, &errors), [None, None]);
+        assert_eq!(shown(&wrong, &errors), None);
     }
 
     /// Data of any allowed size have the same relative errors.
@@ -497,7 +628,8 @@ mod tests {
         };
         let found = |size: f64| {
             let [errors, sizes] = squares(size);
-            beyond_scatter(&errors, &sizes).map(|error| error.expect("an error"))
+            let shown = ShownError::of(&errors, &sizes).expect("an error");
+            [shown.least, shown.mean().expect("a mean")]
         };
         let expected = found(1.0);
         assert!(expected[0] < expected[1], "{expected:?}");
@@ -505,6 +637,60 @@ mod tests {
             let near = |(a, b): (f64, f64)| (a - b).abs() < 1e-12;
             assert!(found(size).into_iter().zip(expected).all(near), "{size}: {:?}", found(size));
         }
+    }
+
+    /// Parts are numbered without gaps, and fill the box, on fewer elements than parts, too.
+    #[test]
+    fn parts_of_space_fill_the_box() {
+        let x = [Axis::new(-1.0, 2.0, 7), Axis::new(0.0, 0.5, 3).with_nodes(Nodes::of_space(2))];
+        let v = vec![Axis::new(-1.0, 1.0, 2); 2];
+        let space = PhaseSpace { x: x.to_vec(), v, periodic: [false; MAX_DIMENSION] };
+        // The largest number of parts along each axis, and the number of parts.
+        for (most, count) in [(1, 1), (2, 4), (4, 12), (100, 21)] {
+            let parts = SpaceParts::new(&space, most);
+            assert_eq!(parts.count(), count);
+            let volume: f64 = (0..count).map(|part| parts.volume(part)).sum();
+            assert!((volume - 1.5).abs() < 1e-14, "{most}: {volume}");
+            let mut met = vec![0.0; count];
+            for cell in box_cells(&space.space_ranges()) {
+                let part = parts.of_cell(&cell);
+                let mut point = [0.0; 6];
+                (0..2).for_each(|a| point[a] = space.x[a].inner_centre(cell[a] as i64));
+                assert_eq!(parts.at(&point), part, "{most}: {cell:?}");
+                // A third of an element of degree 2.
+                met[part] += 1.5 / 63.0;
+            }
+            let fills = |(part, met): (usize, &f64)| (met - parts.volume(part)).abs() < 1e-14;
+            assert!(met.iter().enumerate().all(fills), "{most}: {met:?}");
+        }
+        for (particles, count) in [(0, 1), (63, 1), (64, 4), (16 * 9, 9), (100_000, 21)] {
+            assert_eq!(SpaceParts::for_particles(&space, particles).count(), count, "{particles}");
+        }
+    }
+
+    /// The density is as far off as smearing makes it: by part, and never more than `f` is.
+    #[test]
+    fn the_density_of_smeared_parts_follows_from_the_error_of_f() {
+        let of_part =
+            |error: f64, mass: f64| ParticleSums { error, size: 1.0, mass, absolute: 2.0 };
+        let smeared = |degree: usize, by_part: [ParticleSums; 2]| {
+            let x = vec![Axis::new(0.0, 1.0, 2).with_nodes(Nodes::of_space(degree))];
+            let v = vec![Axis::new(-1.0, 1.0, 2)];
+            let space = PhaseSpace { x, v, periodic: [false; MAX_DIMENSION] };
+            SpaceParts::new(&space, 2).smeared(&by_part)
+        };
+        let near = |found: Option<f64>, expected: f64| {
+            assert!((found.expect("an error") - expected).abs() < 1e-14, "{found:?}");
+        };
+        let even = |error: f64| [of_part(error, 2.0), of_part(error, 2.0)];
+        near(smeared(2, even(0.01)), 0.02);
+        near(smeared(0, even(0.01)), 1e-3);
+        near(smeared(2, even(0.49)), 0.7);
+        near(smeared(2, even(9.0)), 1.0);
+        near(smeared(2, [of_part(0.01, 2.0), of_part(0.0, 2.0)]), 0.02 / 2f64.sqrt());
+        // Data of both signs have a smaller density.
+        near(smeared(2, [of_part(0.01, 1.0), of_part(0.01, -1.0)]), 0.04);
+        assert_eq!(smeared(2, [of_part(0.0, 0.0), of_part(0.0, 0.0)]), None);
     }
 
     fn value(space: &PhaseSpace, k: usize, x: f64, f: impl Fn(f64) -> f64) -> f64 {

@@ -537,7 +537,8 @@ fn a_walltime_too_short_for_the_exact_solution_names_it() {
     let job = of_case("run", "lens2d.toml").set(&["output.moments_every=0.05"]);
     for ranks in [1, 2] {
         let finished = job.clone().on(ranks).into(directory.path()).with(["--walltime", "2s"]);
-        let wording = ["--walltime 2: the exact solution", "exact.moments", "--set exact={}"];
+        let wording =
+            ["--walltime 2: set-up and the exact solution", "exact.moments", "--set exact={}"];
         finished.run().expect("a run").ended(2, &wording).unwrap();
         assert!(names_in(directory.path()).is_empty(), "{:?}", names_in(directory.path()));
     }
