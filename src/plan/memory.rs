@@ -477,7 +477,7 @@ impl<'a> FullestRank<'a> {
             let force = u64::from(self.bounds.has_forces() && self.bounds.inflow);
             let ends: u64 = case.space.x.iter().map(|a| 4 * cells / a.cells as u64).sum();
             let lines = force * cells / case.space.v[0].cells as u64;
-            let slopes = 8 * length + 16 * n * self.points + 72 * ends + 8 * n * lines;
+            let slopes = 8 * length + 16 * n * self.points + 80 * ends + 16 * n * lines;
             list.push(NamedBytes::new("slopes", slopes));
         }
         list

@@ -19,9 +19,10 @@
 //! f` while `dt · rate · (1 + ½ max ψ) ≤ 1` (Harten 1983), [`longest_step`], and so does every
 //! convex combination of such steps.
 //!
-//! **At the box's ends** the ghost cell holds the inflow. Its slope is not known, so the face value
-//! is the mean of ghost and cell. Where particles leave, there is no value beyond, and the slope is
-//! zero.
+//! **At the box's ends** two ghost cells hold the inflow. The first has a slope like a cell, so
+//! that nothing enters from an empty outside. At a jump that particles pass from beyond the
+//! velocities of the box, that slope is zero. Where particles leave, nothing is known beyond, and
+//! the slope is zero.
 
 use crate::base::error::Result;
 use crate::matrix::block_matrix::BlockMatrix;
@@ -53,6 +54,17 @@ pub fn half_difference(limiter: Limiter, a: f64, b: f64) -> f64 {
     }
 }
 
+/// The half difference of the first ghost cell at an end of the box where `speed` leads inwards,
+/// for the values of the second ghost cell, of the first, and of the cell beside it.
+#[inline]
+fn half_of_ghost(limiter: Limiter, speed: f64, [farther, ghost, cell]: [f64; 3]) -> f64 {
+    if speed > 0.0 {
+        half_difference(limiter, ghost - farther, cell - ghost)
+    } else {
+        half_difference(limiter, ghost - cell, farther - ghost)
+    }
+}
+
 /// The neighbour at one side of a space cell.
 #[derive(Clone, Copy, Debug)]
 enum SideNeighbour {
@@ -68,9 +80,10 @@ struct LimitedFace {
     /// The first of the face's sources in `shares`.
     first: u32,
     count: u32,
-    /// Weight of the sources off the grid, and their contribution.
-    outside: f64,
+    /// The contribution of the sources off the grid.
     entering: f64,
+    /// At an end of the box, the inflow one cell farther outside.
+    farther: Option<f64>,
     /// Whether `f` behind it is known.
     known: bool,
 }
@@ -102,8 +115,9 @@ struct LimitedForce {
     /// Cells along the axis, and how far apart they are in the ordering.
     cells: usize,
     stride: usize,
-    /// Inflow at the upstream end, by space cell and line; empty if it is `constant`.
-    entering: Vec<f64>,
+    /// Inflow in the two ghost cells at the upstream end, the first one first, by space cell and
+    /// line; empty if it is `constant`.
+    entering: Vec<[f64; 2]>,
     constant: f64,
 }
 
@@ -159,11 +173,11 @@ impl Reconstruction {
             transport.slopes(half, state, limiter);
             exchange.start(&half[..rows]);
             exchange.finish(&mut half[rows..]);
-            transport.add(image, state, half);
+            transport.add(image, state, half, limiter);
         }
         for force in &self.force {
             force.slopes(half, state, limiter, nv);
-            force.add(image, state, half, nv);
+            force.add(image, state, half, limiter, nv);
         }
     }
 }
@@ -217,6 +231,12 @@ impl LimitedTransport {
                     let leaves = (speed > 0.0) == above;
                     let known = speed != 0.0 && !(leaves && row.draw > 0.0);
                     this.add_face(row, field, known, first..first + nv, &local);
+                    let is_end = space.wrap(axis, cell[axis] as i64 + if above { 1 } else { -1 });
+                    if is_end.is_none() && known {
+                        scheme.second_ghost(row, &space.cell(first + v), axis, above);
+                        let face = this.faces.last_mut().expect("it was added");
+                        face.farther = Some(row.inflow[field]);
+                    }
                 }
             }
             this.beyond.push(beyond);
@@ -242,8 +262,8 @@ impl LimitedTransport {
         self.faces.push(LimitedFace {
             first: first as u32,
             count: (self.shares.len() - first) as u32,
-            outside: row.draw,
             entering: row.inflow[field],
+            farther: None,
             known,
         });
     }
@@ -287,7 +307,7 @@ impl LimitedTransport {
         }
     }
 
-    fn add(&self, image: &mut [f64], state: &[f64], half: &[f64]) {
+    fn add(&self, image: &mut [f64], state: &[f64], half: &[f64], limiter: Limiter) {
         let nv = self.speed.len();
         for (c, beyond) in self.beyond.iter().enumerate() {
             for (v, &speed) in self.speed.iter().enumerate() {
@@ -300,23 +320,25 @@ impl LimitedTransport {
                     SideNeighbour::Cell(first) => image[i] += speed * half[first as usize + v],
                     SideNeighbour::Faces(first) => {
                         let face = &self.faces[first as usize + v];
-                        self.add_across(face, speed, state[i], half, &mut image[i]);
+                        self.add_across(face, speed, half, &mut image[i]);
+                        if let Some(farther) = face.farther {
+                            let values = [farther, face.entering, state[i]];
+                            image[i] += speed * half_of_ghost(limiter, speed, values);
+                        }
                     }
                 }
             }
         }
     }
 
-    /// Adds to `image`, at a cell whose value is `f`, what enters across `face` with `speed`.
+    /// Adds to `image` what enters from other cells across `face` with `speed`.
     #[inline]
-    fn add_across(&self, face: &LimitedFace, speed: f64, f: f64, half: &[f64], image: &mut f64) {
+    fn add_across(&self, face: &LimitedFace, speed: f64, half: &[f64], image: &mut f64) {
         for share in self.shares(face) {
             // The source across this face continues its motion; the reflected source returns.
             let signed = if share.same { -speed } else { speed };
             *image += signed * share.weight * half[share.column as usize];
         }
-        let rise = face.outside * f - face.entering;
-        *image += 0.5 * speed.abs() * rise;
     }
 }
 
@@ -347,12 +369,15 @@ impl LimitedForce {
             }
             let end = if d < 0.0 { this.cells - 1 } else { 0 };
             for line in this.lines(block.velocity_cells) {
-                row.clear();
+                let mut entering = [0.0; 2];
                 if d != 0.0 {
                     let cell = space.cell(first + line + end * this.stride);
                     scheme.neighbour(row, &cell, axis, d < 0.0);
+                    entering[0] = row.inflow[field];
+                    scheme.second_ghost(row, &cell, axis, d < 0.0);
+                    entering[1] = row.inflow[field];
                 }
-                this.entering.push(row.inflow[field]);
+                this.entering.push(entering);
             }
         });
         this
@@ -367,14 +392,15 @@ impl LimitedForce {
     }
 
     /// Calls `visit` with the speed, the first unknown and the inflow of every line.
-    fn for_each_line(&self, velocity_cells: usize, mut visit: impl FnMut(f64, usize, f64)) {
+    fn for_each_line(&self, velocity_cells: usize, mut visit: impl FnMut(f64, usize, [f64; 2])) {
         let mut number = 0;
         for (c, &d) in self.speed.iter().enumerate() {
             for line in self.lines(velocity_cells) {
                 let entering = self.entering.get(number).copied();
                 number += 1;
                 if d != 0.0 {
-                    visit(d, c * velocity_cells + line, entering.unwrap_or(self.constant));
+                    let entering = entering.unwrap_or([self.constant; 2]);
+                    visit(d, c * velocity_cells + line, entering);
                 }
             }
         }
@@ -382,7 +408,7 @@ impl LimitedForce {
 
     fn slopes(&self, half: &mut [f64], state: &[f64], limiter: Limiter, velocity_cells: usize) {
         let (stride, last) = (self.stride, self.cells - 1);
-        self.for_each_line(velocity_cells, |d, line, entering| {
+        self.for_each_line(velocity_cells, |d, line, [entering, _]| {
             let value = |j: usize| state[line + j * stride];
             for j in 0..=last {
                 let lower = match j {
@@ -400,11 +426,18 @@ impl LimitedForce {
         });
     }
 
-    fn add(&self, image: &mut [f64], state: &[f64], half: &[f64], velocity_cells: usize) {
+    fn add(
+        &self,
+        image: &mut [f64],
+        state: &[f64],
+        half: &[f64],
+        limiter: Limiter,
+        velocity_cells: usize,
+    ) {
         let (stride, last) = (self.stride, self.cells - 1);
-        self.for_each_line(velocity_cells, |d, line, entering| {
+        self.for_each_line(velocity_cells, |d, line, [entering, farther]| {
             let end = line + if d > 0.0 { 0 } else { last * stride };
-            image[end] += 0.5 * d.abs() * (state[end] - entering);
+            image[end] += d * half_of_ghost(limiter, d, [farther, entering, state[end]]);
             for j in 0..=last {
                 let i = line + j * stride;
                 image[i] -= d * half[i];

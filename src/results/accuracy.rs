@@ -63,6 +63,16 @@ impl EstimatedErrors {
         Self { grid, density_shown: None, ..self }
     }
 
+    /// These errors, where the square of the error of `f` in that of the density is limited by the
+    /// `mean` error that particles show: far above that the estimate is of smooth data.
+    pub fn beside_mean(self, mean: Option<f64>) -> Self {
+        let known = (mean, self.grid.field, self.density_shown);
+        let (Some(mean), Some(field), Some(shown)) = known else { return self };
+        let of_field = field.min(MOST_OF_MEAN * mean);
+        let density = self.grid.density.map(|_| shown.hypot(of_field * of_field).min(1.0));
+        Self { grid: GridErrorPair { density, ..self.grid }, ..self }
+    }
+
     /// These errors, but at least `share` where they are known: the part of all mass that the law
     /// at jumps of `V` adds or takes. It is about the error where `f` hardly varies along paths, so
     /// that these estimates see nothing, and may be too large after that mass has left.
@@ -88,14 +98,18 @@ impl EstimatedErrors {
     /// That of `f` is at least what they show with a large scatter. That of the density is no
     /// larger than what they and its own coefficients leave room for. It is at least a `power` of
     /// the error of `f` that they show: of that in each part of space, and of a large one of the
-    /// whole. Where `f` was smeared out, the solution itself shows neither.
+    /// whole. Where `f` was smeared out, the solution itself shows neither. And it is at least what
+    /// their masses show.
     pub fn with_particles(self, particles: &ParticleErrors, power: i32) -> GridErrorPair {
         let most = self.density_shown.map_or(f64::INFINITY, |shown| particles.room_beside(shown));
         let of_whole = particles.field_mean.filter(|error| is_large(*error));
         let of_whole = of_whole.map(|error| error.powi(power));
         let smeared = of_whole.into_iter().chain(particles.density_smeared).fold(0.0, f64::max);
         let smeared = smeared.min(particles.room_beside(0.0));
-        let density = self.grid.density.map(|error| error.min(most).max(smeared));
+        // A large one is reported as theirs.
+        let of_masses = particles.density.filter(|error| !is_large(*error));
+        let least = of_masses.map_or(smeared, |error| error.max(smeared));
+        let density = self.grid.density.map(|error| error.min(most).max(least));
         GridErrorPair { field: self.field_with(particles), density }
     }
 
@@ -130,6 +144,10 @@ impl ParticleErrors {
     }
 }
 
+/// The error at a front, of which particles see where `f ≠ 0`: about half of its square.
+const FRONT: f64 = std::f64::consts::SQRT_2;
+/// Largest ratio of an error of `f` to the mean that particles show.
+const MOST_OF_MEAN: f64 = 2.0;
 /// Factor on an error of the density in parts of space, for what varies within them.
 const WITHIN_PARTS: f64 = 2.0;
 /// Largest part of an error of `f` by particles that may be the error of their paths.
@@ -241,13 +259,15 @@ const DOMINANT: f64 = 10.0;
 impl Accuracy {
     /// These errors, with the grid's relative errors of `f` and of the density, measured and
     /// estimated. Where particles of small scatter show that of `f`, it takes the place of the
-    /// estimate. A large error that they show beyond their scatter, or the inherited one, takes the
-    /// place of a smaller estimate.
+    /// estimate. They see a part of the error at a front, so that a larger estimate counts up to
+    /// [`FRONT`] times theirs. A large error that they show beyond their scatter, or the inherited
+    /// one, takes the place of a smaller estimate.
     pub fn with_grid(self, measured: GridErrorPair, estimated: GridErrorPair) -> Self {
         let [measured, estimated] = [measured, estimated].map(GridErrorPair::both);
         let grid_measured = measured.iter().any(Option::is_some);
         let shown = [self.particles.field, self.particles.density];
-        let mean = [self.particles.field_mean, None];
+        let of_front = |mean: f64| mean.max(estimated[0].unwrap_or(mean).min(FRONT * mean));
+        let mean = [self.particles.field_mean.map(of_front), None];
         let inherited = self.inherited.both();
         let found = [0, 1].map(|k| {
             let all = [
@@ -463,8 +483,37 @@ mod tests {
         let of_whole = |field_mean: f64| ParticleErrors { field_mean: Some(field_mean), ..none };
         assert_eq!(with(of_whole(0.09)), [0.02, 0.001]);
         assert_eq!(with(of_whole(0.5)), [0.02, 0.25]);
+        // Of masses a small error; a large one is reported as that of particles.
+        assert_eq!(with(ParticleErrors { density: Some(0.07), ..smeared }), [0.02, 0.07]);
+        assert_eq!(with(ParticleErrors { density: Some(0.7), ..smeared }), [0.02, 0.005]);
         let without = estimated.without_density().with_particles(&smeared, 2);
         assert_eq!((without.field, without.density), (Some(0.02), None));
+    }
+
+    /// Where the estimate of `f` is far above the mean of particles, its square is no error of the
+    /// density. At a front, of which particles see a part, the estimate counts up to a factor.
+    #[test]
+    fn means_of_particles_limit_estimates() {
+        let estimated = EstimatedErrors {
+            grid: GridErrorPair { field: Some(0.5), density: Some(0.25) },
+            density_shown: Some(0.0),
+            interpolation: None,
+        };
+        let density = |mean| estimated.beside_mean(mean).grid.density.expect("an error");
+        assert_eq!([density(None), density(Some(0.4))], [0.25; 2]);
+        assert!((density(Some(0.1)) - 0.04).abs() < 1e-15);
+        let of_cells = EstimatedErrors { density_shown: None, ..estimated };
+        assert_eq!(of_cells.beside_mean(Some(0.1)), of_cells);
+        let field = |field: f64| {
+            let particles = ParticleErrors { field_mean: Some(0.1), ..ParticleErrors::default() };
+            let accuracy = Accuracy { particles, ..Accuracy::default() };
+            let estimated = GridErrorPair { field: Some(field), density: None };
+            let found = accuracy.with_grid(GridErrorPair::default(), estimated);
+            assert_eq!(found.grid_source, Some(ErrorSource::Particles));
+            found.grid.expect("an error")
+        };
+        assert_eq!([0.05, 0.12].map(field), [0.1, 0.12]);
+        assert!((field(0.5) - 0.1 * FRONT).abs() < 1e-15);
     }
 
     /// Means and parts count only where paths are far more accurate than `f`.

@@ -342,15 +342,16 @@ impl<'a> Driver<'a> {
         let interpolation = compared.estimated.interpolation;
         let share = |ledger: &Ledger| ledger.interface_share(interpolation);
         let by_interface = self.summary.ledger.as_ref().and_then(share);
-        let estimated = compared.estimated.at_least(by_interface.unwrap_or(0.0));
+        let particles = self.summary.accuracy.particles;
+        let estimated = compared.estimated.beside_mean(particles.field_mean);
+        let estimated = estimated.at_least(by_interface.unwrap_or(0.0));
         let cancels = estimates::density_cancels(world, &result);
         let estimated = if cancels { estimated.without_density() } else { estimated };
         let by_potential = match self.output {
             Some(_) => estimates::of_the_potential(world, &result),
             None => 0.0,
         };
-        let particles = &self.summary.accuracy.particles;
-        let estimated = estimated.density_at_least(by_potential, particles);
+        let estimated = estimated.density_at_least(by_potential, &particles);
         self.summary.judge(&prepared.case, estimated);
         Solution {
             case,

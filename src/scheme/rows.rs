@@ -156,6 +156,17 @@ impl<'a> Scheme<'a> {
         row.finish();
     }
 
+    /// The inflow two cells beyond an end of the box, next to which `cell` is, along `axis` of the
+    /// `2n`.
+    pub fn second_ghost(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool) {
+        row.clear();
+        let n = self.space.dimension();
+        let a = axis % n;
+        let mut source = [cell[a] as i64, cell[n + a] as i64];
+        source[axis / n] += if above { 2 } else { -2 };
+        self.take(row, cell, a, source, 1.0);
+    }
+
     /// Adds `rate` times the value behind a face, see [`neighbour`](Self::neighbour): in velocity
     /// the next cell, in space the sources of [`interface`].
     fn behind_face(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool, rate: f64) {

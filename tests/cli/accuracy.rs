@@ -332,29 +332,9 @@ fn the_last_line_of_an_under_resolved_run_names_its_errors() {
         if found["under_resolved"] != line.is_some() || line.is_some() != wording.is_some() {
             return fails("the last line and summary.json do not agree");
         }
-        for (key, of) in [("grid", "field"), ("grid_density", "density")] {
-            let shown = found["particles"][of].as_f64().filter(|error| *error > 0.1);
-            let estimate = found[format!("{key}_estimate")].as_f64();
-            // Of `f`, particles of small scatter replace the estimate.
-            let by_particles = |key: &str| found["particles"][key].as_f64();
-            let mean = by_particles("field_mean").filter(|_| of == "field");
-            let expected = mean.or(estimate.into_iter().chain(shown).reduce(f64::max));
-            // Where f is smeared out, so is the density, within what is possible.
-            let most = by_particles("density_most").unwrap_or(f64::INFINITY);
-            let power = if settings.contains(&"scheme.degree=0") { 3 } else { 2 };
-            let of_whole = by_particles("field_mean").filter(|error| *error > 0.1);
-            let of_whole = of_whole.map(|error| error.powi(power));
-            let smeared = of_whole.into_iter().chain(by_particles("density_smeared"));
-            let least = match of {
-                "field" => by_particles("field_rough").filter(|_| mean.is_none()),
-                _ => smeared.map(|error| error.min(2.0 * most)).reduce(f64::max),
-            };
-            if estimate.zip(least).is_some_and(|(estimate, least)| estimate < least) {
-                return fails(&format!("{key} is below what particles show, {least:?}"));
-            }
-            if without && (found["grid_measured"] != false || found[key].as_f64() != expected) {
-                return fails(&format!("{key} is not the estimate, nor what particles show"));
-            }
+        let power = if settings.contains(&"scheme.degree=0") { 3 } else { 2 };
+        if let Err(what) = estimates_contain_particles(found, power, without) {
+            return fails(&what);
         }
         let (Some(line), Some(wording)) = (line, wording) else { return Ok(()) };
         // An estimate is printed with one digit, and so is the bound that particles show.
@@ -388,6 +368,38 @@ fn the_last_line_of_an_under_resolved_run_names_its_errors() {
             None => Ok::<(), String>(()),
         }
     });
+}
+
+/// Estimates of `found` are no smaller than particles show. In a run `without` exact solution, the
+/// errors are the estimates, or what particles show.
+fn estimates_contain_particles(found: &Value, power: i32, without: bool) -> Result<(), String> {
+    let by_particles = |key: &str| found["particles"][key].as_f64();
+    for (key, of) in [("grid", "field"), ("grid_density", "density")] {
+        let shown = by_particles(of).filter(|error| *error > 0.1);
+        let estimate = found[format!("{key}_estimate")].as_f64();
+        // Of `f`, particles of small scatter replace the estimate. At a front they see about half
+        // of the square of the error.
+        let mean = by_particles("field_mean").filter(|_| of == "field");
+        let of_front =
+            |mean: f64| mean.max(estimate.unwrap_or(mean).min(std::f64::consts::SQRT_2 * mean));
+        let expected = mean.map(of_front).or(estimate.into_iter().chain(shown).reduce(f64::max));
+        // Where f is smeared out, so is the density, within what is possible.
+        let most = by_particles("density_most").unwrap_or(f64::INFINITY);
+        let of_whole = by_particles("field_mean").filter(|error| *error > 0.1);
+        let of_whole = of_whole.map(|error| error.powi(power));
+        let smeared = of_whole.into_iter().chain(by_particles("density_smeared"));
+        let least = match of {
+            "field" => by_particles("field_rough").filter(|_| mean.is_none()),
+            _ => smeared.map(|error| error.min(2.0 * most)).reduce(f64::max),
+        };
+        if estimate.zip(least).is_some_and(|(estimate, least)| estimate < least) {
+            return Err(format!("{key} is below what particles show, {least:?}"));
+        }
+        if without && (found["grid_measured"] != false || found[key].as_f64() != expected) {
+            return Err(format!("{key} is not the estimate, nor what particles show"));
+        }
+    }
+    Ok(())
 }
 
 /// Case, settings, texts that the advice contains, and texts that it does not.

@@ -360,7 +360,7 @@ fn unbalanced_mass_is_reported() {
 #[test]
 fn a_box_that_is_empty_at_the_end_gives_a_warning() {
     let checked = of_case("check", "example1.toml").set(&["time.end=10000"]).succeed().unwrap();
-    let warns = checked.errors.contains("mass: an estimated 100.00 % leaves the box by time.end");
+    let warns = checked.output.contains("mass: an estimated 100.00 % leaves the box by time.end");
     require(warns, &checked, || "a warning expected".to_owned()).unwrap();
 }
 

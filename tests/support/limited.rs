@@ -9,8 +9,8 @@ use phasewarp::scheme::interface::{Side, sources, velocity};
 enum Source {
     /// A cell, and whether it lies across the face; otherwise it is reflected at the face.
     Cell(Cell, bool),
-    /// A ghost cell with this inflow value.
-    Outside(f64),
+    /// A ghost cell with this inflow value and, at an end of the box, that of the next one.
+    Outside(f64, Option<f64>),
 }
 
 struct Limited<'a> {
@@ -141,7 +141,13 @@ impl Limited<'_> {
                     (source[a], source[n + a]) = (place, j as usize);
                     Source::Cell(source, across)
                 } else {
-                    Source::Outside(self.ghost(cell, a, i, j))
+                    // At an end of the box the ghost cell is beside the cell.
+                    let [own_i, own_j] = [cell[a] as i64, cell[n + a] as i64];
+                    let is_end = if axis < n { self.place(a, i).is_none() } else { true };
+                    let farther = is_end.then(|| {
+                        self.ghost(cell, a, 2 * i - own_i, if axis < n { j } else { 2 * j - own_j })
+                    });
+                    Source::Outside(self.ghost(cell, a, i, j), farther)
                 };
                 (weight, source)
             })
@@ -160,8 +166,8 @@ impl Limited<'_> {
             sum += weight
                 * match source {
                     Source::Cell(source, _) => self.at(&source),
-                    Source::Outside(_) if leaves => return None,
-                    Source::Outside(value) => value,
+                    Source::Outside(..) if leaves => return None,
+                    Source::Outside(value, _) => value,
                 };
         }
         Some(sum)
@@ -181,6 +187,11 @@ impl Limited<'_> {
         else {
             return 0.0;
         };
+        self.half_of([lower, f, upper])
+    }
+
+    /// The same for three values along an axis.
+    fn half_of(&self, [lower, f, upper]: [f64; 3]) -> f64 {
         if upper == f {
             return 0.0;
         }
@@ -212,7 +223,13 @@ impl Limited<'_> {
                             let sign = if across { sign } else { -sign };
                             self.at(&source) + sign * self.half(&source, axis)
                         }
-                        Source::Outside(value) => 0.5 * (value + self.at(cell)),
+                        Source::Outside(value, None) => value,
+                        Source::Outside(value, Some(farther)) if sign > 0.0 => {
+                            value + self.half_of([farther, value, self.at(cell)])
+                        }
+                        Source::Outside(value, Some(farther)) => {
+                            value - self.half_of([self.at(cell), value, farther])
+                        }
                     };
             }
             change -= speed.abs() * (out - into);
