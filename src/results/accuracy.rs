@@ -64,7 +64,7 @@ impl EstimatedErrors {
     }
 
     /// These errors, where the square of the error of `f` in that of the density is limited by the
-    /// `mean` error that particles show: far above that the estimate is of smooth data.
+    /// `mean` error that particles show. An estimate far above it is too large, as for smooth data.
     pub fn beside_mean(self, mean: Option<f64>) -> Self {
         let known = (mean, self.grid.field, self.density_shown);
         let (Some(mean), Some(field), Some(shown)) = known else { return self };
@@ -146,7 +146,7 @@ impl ParticleErrors {
 
 /// The error at a front, of which particles see where `f ≠ 0`: about half of its square.
 const FRONT: f64 = std::f64::consts::SQRT_2;
-/// Largest ratio of an error of `f` to the mean that particles show.
+/// Largest ratio of an error of `f` to the mean that particles show, with a margin.
 const MOST_OF_MEAN: f64 = 2.0;
 /// Factor on an error of the density in parts of space, for what varies within them.
 const WITHIN_PARTS: f64 = 2.0;
@@ -266,7 +266,9 @@ impl Accuracy {
         let [measured, estimated] = [measured, estimated].map(GridErrorPair::both);
         let grid_measured = measured.iter().any(Option::is_some);
         let shown = [self.particles.field, self.particles.density];
-        let of_front = |mean: f64| mean.max(estimated[0].unwrap_or(mean).min(FRONT * mean));
+        // Random paths begin on both sides of a front.
+        let front = if self.particles.field_rough.is_some() { FRONT } else { 1.0 };
+        let of_front = |mean: f64| mean.max(estimated[0].unwrap_or(mean).min(front * mean));
         let mean = [self.particles.field_mean.map(of_front), None];
         let inherited = self.inherited.both();
         let found = [0, 1].map(|k| {
@@ -505,7 +507,12 @@ mod tests {
         let of_cells = EstimatedErrors { density_shown: None, ..estimated };
         assert_eq!(of_cells.beside_mean(Some(0.1)), of_cells);
         let field = |field: f64| {
-            let particles = ParticleErrors { field_mean: Some(0.1), ..ParticleErrors::default() };
+            let shown = Some(0.1);
+            let particles = ParticleErrors {
+                field_mean: shown,
+                field_rough: shown,
+                ..ParticleErrors::default()
+            };
             let accuracy = Accuracy { particles, ..Accuracy::default() };
             let estimated = GridErrorPair { field: Some(field), density: None };
             let found = accuracy.with_grid(GridErrorPair::default(), estimated);

@@ -156,8 +156,8 @@ impl<'a> Scheme<'a> {
         row.finish();
     }
 
-    /// The inflow two cells beyond an end of the box, next to which `cell` is, along `axis` of the
-    /// `2n`.
+    /// Puts into `row.inflow` that in the second cell beyond an end of the box, beside which `cell`
+    /// is, along `axis` of the `2n`; for degree 0.
     pub fn second_ghost(&self, row: &mut Row, cell: &Cell, axis: usize, above: bool) {
         row.clear();
         let n = self.space.dimension();

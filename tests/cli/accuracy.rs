@@ -390,7 +390,10 @@ fn estimates_contain_particles(found: &Value, power: i32, without: bool) -> Resu
         let smeared = of_whole.into_iter().chain(by_particles("density_smeared"));
         let least = match of {
             "field" => by_particles("field_rough").filter(|_| mean.is_none()),
-            _ => smeared.map(|error| error.min(2.0 * most)).reduce(f64::max),
+            _ => {
+                let of_masses = by_particles("density").filter(|error| *error < 0.1);
+                smeared.map(|error| error.min(2.0 * most)).chain(of_masses).reduce(f64::max)
+            }
         };
         if estimate.zip(least).is_some_and(|(estimate, least)| estimate < least) {
             return Err(format!("{key} is below what particles show, {least:?}"));
