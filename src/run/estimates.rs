@@ -113,9 +113,16 @@ pub fn of_the_potential(world: &Group, result: &ComparedResult<'_>) -> f64 {
 
 /// Whether the density of `result` is round-off, as of an `f` that is odd in `v`. Collective.
 pub fn density_cancels(world: &Group, result: &ComparedResult<'_>) -> bool {
-    let volumes = CellVolumes::new(&result.case.space, result.share);
-    let [density] = volumes.integrals(world, |c| [result.density[c].abs()]);
-    density <= CANCELLED * volumes.mean * volumes.sum(world, |i| result.field[i].abs())
+    let space = &result.case.space;
+    let volumes = CellVolumes::new(space, result.share);
+    let velocities = space.velocity_cells();
+    let box_of_velocities: f64 = space.v.iter().map(|axis| axis.upper - axis.lower).product();
+    let [density, field] = volumes.integrals(world, |c| {
+        let values = &result.field[c * velocities..][..velocities];
+        let mean = values.iter().map(|f| f.abs()).sum::<f64>() / velocities as f64;
+        [result.density[c].abs(), mean * box_of_velocities]
+    });
+    density <= CANCELLED * field
 }
 
 /// A bound on the relative L2 error of linear interpolation of `f` between the velocities, by its

@@ -19,7 +19,7 @@ use crate::solve::system::{DiscreteSystem, RoughSolution, StateNorms, SystemLimi
 const PROBE_SAFETY: f64 = 1.01;
 /// Longest part `rate·time` of a leg that is propagated roughly before the norm is looked at.
 const LONGEST_PIECE: f64 = 1e4;
-/// A field whose norm has fallen to this part in a leg has left the box.
+/// A field whose norm has fallen to this part has left the box.
 const GONE: f64 = 1e-40;
 /// The left half of a disc of this radius lies in the stability region of SSP-RK3.
 const RUNGE_KUTTA_RADIUS: f64 = 1.7;
@@ -118,12 +118,12 @@ impl Prepared {
         let Self { case, communicator, bounds, system, .. } = self;
         // In several legs round-off is another, and a mode group has not the fields of others.
         let is_whole = case.legs().len() == 1 && communicator.modes.size() == 1;
+        let start = system.norm(communicator, &system.states[0]);
         let state = last.filter(|_| is_whole).unwrap_or_else(|| {
             let (mut state, time) = (system.states[0].clone(), case.duration());
-            propagate_leg(system, communicator, bounds, time, &mut state);
+            propagate_leg(system, communicator, bounds, time, start, &mut state);
             state
         });
-        let start = system.norm(communicator, &system.states[0]);
         let [weighted, auxiliary] = system.norms_of_parts(communicator, &state);
         let field = system.field_norm(communicator, &state);
         RoughSolution { ratio, norms: StateNorms { start, weighted, auxiliary, field } }
@@ -145,14 +145,12 @@ impl Prepared {
             let mut state = system.states[field].clone();
             let start = system.norm(communicator, &state);
             for time in case.legs() {
-                let is_gone = propagate_leg(system, communicator, bounds, time, &mut state);
-                let now = system.field_norm(communicator, &state);
+                let now = propagate_leg(system, communicator, bounds, time, start, &mut state);
                 if start != 0.0 {
-                    let now = if is_gone { GONE * start } else { now };
                     largest = largest.max(PROBE_SAFETY * start / now);
                 }
                 // A larger ratio changes no decision.
-                if is_gone {
+                if now == GONE * start {
                     break;
                 }
             }
@@ -204,24 +202,27 @@ impl Prepared {
     }
 }
 
-/// As [`propagate_roughly`] over a leg, in pieces, until hardly any of the `state` is left in the
-/// box; whether that is so. Collective over the space group.
+/// As [`propagate_roughly`] over a leg, in pieces, until hardly any of the state is left in the
+/// box. Returns its field norm then, at least [`GONE`] of the norm `start`. Collective over the
+/// space group.
 fn propagate_leg(
     system: &mut DiscreteSystem,
     communicator: &Communicator,
     bounds: &Bounds,
     time: f64,
+    start: f64,
     state: &mut [f64],
-) -> bool {
-    let start = system.norm(communicator, state);
+) -> f64 {
     let pieces = (bounds.rate * time / LONGEST_PIECE).ceil().max(1.0);
+    let mut now = start;
     for _ in 0..pieces as usize {
         propagate_roughly(&system.matrix, &mut system.exchange, bounds, time / pieces, state);
-        if system.field_norm(communicator, state) < GONE * start {
-            return true;
+        now = system.field_norm(communicator, state);
+        if now < GONE * start {
+            return GONE * start;
         }
     }
-    false
+    now
 }
 
 /// `state ← exp(A time) state`, to about three digits of its norm: one real vector. Collective over
