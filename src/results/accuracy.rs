@@ -144,8 +144,6 @@ impl ParticleErrors {
     }
 }
 
-/// The error at a front, of which particles see where `f ≠ 0`: about half of its square.
-const FRONT: f64 = std::f64::consts::SQRT_2;
 /// Largest ratio of an error of `f` to the mean that particles show, with a margin.
 const MOST_OF_MEAN: f64 = 2.0;
 /// Factor on an error of the density in parts of space, for what varies within them.
@@ -259,17 +257,13 @@ const DOMINANT: f64 = 10.0;
 impl Accuracy {
     /// These errors, with the grid's relative errors of `f` and of the density, measured and
     /// estimated. Where particles of small scatter show that of `f`, it takes the place of the
-    /// estimate. They see a part of the error at a front, so that a larger estimate counts up to
-    /// [`FRONT`] times theirs. A large error that they show beyond their scatter, or the inherited
-    /// one, takes the place of a smaller estimate.
+    /// estimate. A large error that they show beyond their scatter, or the inherited one, takes the
+    /// place of a smaller estimate.
     pub fn with_grid(self, measured: GridErrorPair, estimated: GridErrorPair) -> Self {
         let [measured, estimated] = [measured, estimated].map(GridErrorPair::both);
         let grid_measured = measured.iter().any(Option::is_some);
         let shown = [self.particles.field, self.particles.density];
-        // Random paths begin on both sides of a front.
-        let front = if self.particles.field_rough.is_some() { FRONT } else { 1.0 };
-        let of_front = |mean: f64| mean.max(estimated[0].unwrap_or(mean).min(front * mean));
-        let mean = [self.particles.field_mean.map(of_front), None];
+        let mean = [self.particles.field_mean, None];
         let inherited = self.inherited.both();
         let found = [0, 1].map(|k| {
             let all = [
@@ -493,7 +487,7 @@ mod tests {
     }
 
     /// Where the estimate of `f` is far above the mean of particles, its square is no error of the
-    /// density. At a front, of which particles see a part, the estimate counts up to a factor.
+    /// density.
     #[test]
     fn means_of_particles_limit_estimates() {
         let estimated = EstimatedErrors {
@@ -506,21 +500,6 @@ mod tests {
         assert!((density(Some(0.1)) - 0.04).abs() < 1e-15);
         let of_cells = EstimatedErrors { density_shown: None, ..estimated };
         assert_eq!(of_cells.beside_mean(Some(0.1)), of_cells);
-        let field = |field: f64| {
-            let shown = Some(0.1);
-            let particles = ParticleErrors {
-                field_mean: shown,
-                field_rough: shown,
-                ..ParticleErrors::default()
-            };
-            let accuracy = Accuracy { particles, ..Accuracy::default() };
-            let estimated = GridErrorPair { field: Some(field), density: None };
-            let found = accuracy.with_grid(GridErrorPair::default(), estimated);
-            assert_eq!(found.grid_source, Some(ErrorSource::Particles));
-            found.grid.expect("an error")
-        };
-        assert_eq!([0.05, 0.12].map(field), [0.1, 0.12]);
-        assert!((field(0.5) - 0.1 * FRONT).abs() < 1e-15);
     }
 
     /// Means and parts count only where paths are far more accurate than `f`.

@@ -377,12 +377,9 @@ fn estimates_contain_particles(found: &Value, power: i32, without: bool) -> Resu
     for (key, of) in [("grid", "field"), ("grid_density", "density")] {
         let shown = by_particles(of).filter(|error| *error > 0.1);
         let estimate = found[format!("{key}_estimate")].as_f64();
-        // Of `f`, particles of small scatter replace the estimate. At a front they see about half
-        // of the square of the error.
+        // Of `f`, particles of small scatter replace the estimate.
         let mean = by_particles("field_mean").filter(|_| of == "field");
-        let of_front =
-            |mean: f64| mean.max(estimate.unwrap_or(mean).min(std::f64::consts::SQRT_2 * mean));
-        let expected = mean.map(of_front).or(estimate.into_iter().chain(shown).reduce(f64::max));
+        let expected = mean.or(estimate.into_iter().chain(shown).reduce(f64::max));
         // Where f is smeared out, so is the density, within what is possible.
         let most = by_particles("density_most").unwrap_or(f64::INFINITY);
         let of_whole = by_particles("field_mean").filter(|error| *error > 0.1);
