@@ -220,6 +220,8 @@ impl LimitedTransport {
                     continue;
                 }
                 beyond[side] = SideNeighbour::Faces(this.faces.len() as u32);
+                let step = if above { 1 } else { -1 };
+                let ends_box = space.wrap(axis, cell[axis] as i64 + step).is_none();
                 for v in 0..nv {
                     let speed = this.speed[v];
                     row.clear();
@@ -230,13 +232,13 @@ impl LimitedTransport {
                     // not the inflow.
                     let leaves = (speed > 0.0) == above;
                     let known = speed != 0.0 && !(leaves && row.draw > 0.0);
-                    this.add_face(row, field, known, first..first + nv, &local);
-                    let is_end = space.wrap(axis, cell[axis] as i64 + if above { 1 } else { -1 });
-                    if is_end.is_none() && known {
+                    let own = first..first + nv;
+                    let mut face = this.face(row, field, known, own, &local);
+                    if ends_box && known {
                         scheme.second_ghost(row, &space.cell(first + v), axis, above);
-                        let face = this.faces.last_mut().expect("it was added");
                         face.farther = Some(row.inflow[field]);
                     }
+                    this.faces.push(face);
                 }
             }
             this.beyond.push(beyond);
@@ -244,28 +246,28 @@ impl LimitedTransport {
         this
     }
 
-    /// Adds the face of the next velocity cell, with its shares of cells and of the inflow of
-    /// `field`, which are in `row`. The unknowns of the same space cell are `own`. The number of an
-    /// unknown on this rank is `local`.
-    fn add_face(
+    /// The face of the next velocity cell, with its share of the inflow of `field`, which is in
+    /// `row`. Adds its shares of cells. The unknowns of the same space cell are `own`. The number
+    /// of an unknown on this rank is `local`.
+    fn face(
         &mut self,
         row: &Row,
         field: usize,
         known: bool,
         own: Range<usize>,
         local: &impl Fn(usize) -> Option<u32>,
-    ) {
+    ) -> LimitedFace {
         let first = self.shares.len();
         self.shares.extend(row.entries.iter().filter_map(|&(column, weight)| {
             Some(SourceShare { column: local(column)?, same: own.contains(&column), weight })
         }));
-        self.faces.push(LimitedFace {
+        LimitedFace {
             first: first as u32,
             count: (self.shares.len() - first) as u32,
             entering: row.inflow[field],
             farther: None,
             known,
-        });
+        }
     }
 
     fn shares(&self, face: &LimitedFace) -> &[SourceShare] {

@@ -21,6 +21,12 @@ pub fn density_power(space: &PhaseSpace) -> i32 {
     if space.whole_degree() == 0 { 3 } else { 2 }
 }
 
+/// The estimate of the density's error on elements: what its own coefficients show, and the square
+/// of the error of `f`.
+pub fn smeared_density(shown: f64, of_field: f64) -> f64 {
+    shown.hypot(of_field * of_field)
+}
+
 /// Relative errors of the grid that particles of the exact flow show; `None` where they do not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ParticleErrors {
@@ -69,7 +75,7 @@ impl EstimatedErrors {
         let known = (mean, self.grid.field, self.density_shown);
         let (Some(mean), Some(field), Some(shown)) = known else { return self };
         let of_field = field.min(MOST_OF_MEAN * mean);
-        let density = self.grid.density.map(|_| shown.hypot(of_field * of_field).min(1.0));
+        let density = self.grid.density.map(|_| smeared_density(shown, of_field).min(1.0));
         Self { grid: GridErrorPair { density, ..self.grid }, ..self }
     }
 
@@ -106,9 +112,7 @@ impl EstimatedErrors {
         let of_whole = of_whole.map(|error| error.powi(power));
         let smeared = of_whole.into_iter().chain(particles.density_smeared).fold(0.0, f64::max);
         let smeared = smeared.min(particles.room_beside(0.0));
-        // A large one is reported as theirs.
-        let of_masses = particles.density.filter(|error| !is_large(*error));
-        let least = of_masses.map_or(smeared, |error| error.max(smeared));
+        let least = particles.density.map_or(smeared, |error| error.max(smeared));
         let density = self.grid.density.map(|error| error.min(most).max(least));
         GridErrorPair { field: self.field_with(particles), density }
     }
@@ -268,9 +272,10 @@ impl Accuracy {
         let found = [0, 1].map(|k| {
             let all = [
                 (measured[k], ErrorSource::Measured),
-                (estimated[k].filter(|_| mean[k].is_none()), ErrorSource::Estimated),
+                // An estimate contains what particles show, which then is the source.
                 (mean[k], ErrorSource::Particles),
                 (shown[k].filter(|error| is_large(*error)), ErrorSource::Particles),
+                (estimated[k].filter(|_| mean[k].is_none()), ErrorSource::Estimated),
                 (inherited[k], ErrorSource::Inherited),
             ];
             let known = if grid_measured { &all[..1] } else { &all[1..] };
@@ -479,9 +484,16 @@ mod tests {
         let of_whole = |field_mean: f64| ParticleErrors { field_mean: Some(field_mean), ..none };
         assert_eq!(with(of_whole(0.09)), [0.02, 0.001]);
         assert_eq!(with(of_whole(0.5)), [0.02, 0.25]);
-        // Of masses a small error; a large one is reported as that of particles.
-        assert_eq!(with(ParticleErrors { density: Some(0.07), ..smeared }), [0.02, 0.07]);
-        assert_eq!(with(ParticleErrors { density: Some(0.7), ..smeared }), [0.02, 0.005]);
+        for of_masses in [0.07, 0.7] {
+            let particles = ParticleErrors { density: Some(of_masses), ..smeared };
+            assert_eq!(with(particles), [0.02, of_masses]);
+            // A large one is reported as that of particles.
+            let found = Accuracy { particles, ..Accuracy::default() };
+            let found =
+                found.with_grid(GridErrorPair::default(), estimated.with_particles(&particles, 2));
+            let of_particles = found.grid_density_source == Some(ErrorSource::Particles);
+            assert_eq!((found.grid_density, of_particles), (Some(of_masses), of_masses > 0.1));
+        }
         let without = estimated.without_density().with_particles(&smeared, 2);
         assert_eq!((without.field, without.density), (Some(0.02), None));
     }

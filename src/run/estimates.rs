@@ -26,7 +26,7 @@ use crate::problem::case::Case;
 use crate::problem::grid::{Axis, Cell, PhaseSpace};
 use crate::problem::potential::resolution::largest_differences_on_elements;
 use crate::propagate::limiter::half_difference;
-use crate::results::accuracy::{EstimatedErrors, GridErrorPair};
+use crate::results::accuracy::{EstimatedErrors, GridErrorPair, smeared_density};
 use crate::results::summary::CANCELLED;
 use crate::run::ledger::arrivals::ComparedResult;
 use crate::scheme::interface::law_of;
@@ -67,7 +67,7 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
     if with_elements {
         let more = by_coefficients(prepared, f);
         let [field, density] = [0, 1].map(|k| f64::hypot(found[k], more[k]));
-        found = [field, f64::hypot(density, field * field)];
+        found = [field, smeared_density(density, field)];
         density_shown = density;
     }
     // A field that is zero has no relative error.

@@ -10,6 +10,7 @@
 
 pub mod arrivals;
 pub mod draw;
+pub mod space_parts;
 pub mod tracking;
 
 use crate::base::error::Result;

@@ -147,10 +147,10 @@ impl Prepared {
             for time in case.legs() {
                 let now = propagate_leg(system, communicator, bounds, time, start, &mut state);
                 if start != 0.0 {
-                    largest = largest.max(PROBE_SAFETY * start / now);
+                    largest = largest.max(PROBE_SAFETY * start / now.unwrap_or(GONE * start));
                 }
                 // A larger ratio changes no decision.
-                if now == GONE * start {
+                if now.is_none() {
                     break;
                 }
             }
@@ -202,9 +202,9 @@ impl Prepared {
     }
 }
 
-/// As [`propagate_roughly`] over a leg, in pieces, until hardly any of the state is left in the
-/// box. Returns its field norm then, at least [`GONE`] of the norm `start`. Collective over the
-/// space group.
+/// As [`propagate_roughly`] over a leg, in pieces, which end where hardly any of the state is left
+/// in the box. Returns its field norm; `None` below [`GONE`] of the norm `start`. Collective over
+/// the space group.
 fn propagate_leg(
     system: &mut DiscreteSystem,
     communicator: &Communicator,
@@ -212,17 +212,17 @@ fn propagate_leg(
     time: f64,
     start: f64,
     state: &mut [f64],
-) -> f64 {
+) -> Option<f64> {
     let pieces = (bounds.rate * time / LONGEST_PIECE).ceil().max(1.0);
-    let mut now = start;
+    let mut norm = None;
     for _ in 0..pieces as usize {
         propagate_roughly(&system.matrix, &mut system.exchange, bounds, time / pieces, state);
-        now = system.field_norm(communicator, state);
-        if now < GONE * start {
-            return GONE * start;
+        norm = Some(system.field_norm(communicator, state));
+        if norm.is_some_and(|norm| norm < GONE * start) {
+            return None;
         }
     }
-    now
+    norm
 }
 
 /// `state ← exp(A time) state`, to about three digits of its norm: one real vector. Collective over

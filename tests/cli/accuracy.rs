@@ -340,7 +340,7 @@ fn the_last_line_of_an_under_resolved_run_names_its_errors() {
         // An estimate is printed with one digit, and so is the bound that particles show.
         let digits = |key: &str, e: f64| {
             let of = if key == "grid" { "field" } else { "density" };
-            let is_bound = !found["particles"][of].is_null()
+            let is_bound = found[format!("{key}_source")] == "particles"
                 && found[key] == found["particles"][of]
                 && (of == "density" || found["particles"]["field_mean"].is_null());
             if found["grid_measured"] == true {
@@ -388,8 +388,8 @@ fn estimates_contain_particles(found: &Value, power: i32, without: bool) -> Resu
         let least = match of {
             "field" => by_particles("field_rough").filter(|_| mean.is_none()),
             _ => {
-                let of_masses = by_particles("density").filter(|error| *error < 0.1);
-                smeared.map(|error| error.min(2.0 * most)).chain(of_masses).reduce(f64::max)
+                let smeared = smeared.map(|error| error.min(2.0 * most));
+                smeared.chain(by_particles("density")).reduce(f64::max)
             }
         };
         if estimate.zip(least).is_some_and(|(estimate, least)| estimate < least) {

@@ -143,10 +143,12 @@ impl Limited<'_> {
                 } else {
                     // At an end of the box the ghost cell is beside the cell.
                     let [own_i, own_j] = [cell[a] as i64, cell[n + a] as i64];
-                    let is_end = if axis < n { self.place(a, i).is_none() } else { true };
-                    let farther = is_end.then(|| {
-                        self.ghost(cell, a, 2 * i - own_i, if axis < n { j } else { 2 * j - own_j })
-                    });
+                    let farther = if axis >= n {
+                        Some([i, 2 * j - own_j])
+                    } else {
+                        self.place(a, i).is_none().then_some([2 * i - own_i, j])
+                    };
+                    let farther = farther.map(|[i, j]| self.ghost(cell, a, i, j));
                     Source::Outside(self.ghost(cell, a, i, j), farther)
                 };
                 (weight, source)

@@ -14,20 +14,20 @@
 //! [`STANDARD_ERRORS`] standard errors of the replicates: small errors are not shown, nor those
 //! where no particle arrives. `f_h` is the polynomial of each element along axes of a higher
 //! degree, and interpolated between centres along those of degree 0.
-//!
-//! In a part of space whose relative error of `f` is `e`, the relative error of the density is
-//! about `e³` on cells and `2 e²` on elements, and at most `e` ([`density_power`]).
+//! The error of the density that follows from that of `f` is found by parts of space
+//! ([`SpaceParts`]).
 
 use crate::base::error::Result;
 use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
-use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, coordinate};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells, coordinate};
 use crate::problem::potential::{Potential, is_one_piece};
-use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors, density_power};
+use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors};
 use crate::results::ledger::STANDARD_ERRORS;
 use crate::run::ledger::draw::{Particle, REPLICATES};
+use crate::run::ledger::space_parts::{ParticleSums, SpaceParts};
 use std::ops::Range;
 
 /// About the largest number of products by which `f_h` is evaluated, and the least number of
@@ -36,11 +36,6 @@ const MOST_PRODUCTS: usize = 20_000_000;
 const LEAST_PARTICLES: usize = 16;
 /// Least number of replicates of which particles arrive.
 const LEAST_REPLICATES: usize = 12;
-/// Particles of each part of space in which the errors of `f` are found, on average.
-const PARTICLES_OF_PART: usize = 16;
-/// The part of the square of the error at a smeared front that particles see: they are where
-/// `f ≠ 0` only.
-const SEEN_OF_FRONT: f64 = 0.5;
 /// Standard errors of a mass by which it may be off, in an error that is at most so large.
 const SCATTER_OF_MOST: f64 = 2.0;
 /// Largest standard error of the square of an error, as a part of it, with which the mean counts.
@@ -211,9 +206,11 @@ impl GatheredArrivals {
         let mut by_part = vec![ParticleSums::default(); parts.count()];
         let sums = chosen.iter().map(|of| {
             let mut sums = ParticleSums::default();
-            for (arrival, value) in of.iter().zip(values.by_ref()) {
-                sums.add(arrival, value);
-                by_part[parts.at(&arrival.point)].add(arrival, value);
+            for (ArrivedParticle { point, mass, value: exact }, value) in of.iter().zip(&mut values)
+            {
+                let own = ParticleSums::of(*mass, *exact, value);
+                sums += own;
+                by_part[parts.at(point)] += own;
             }
             sums
         });
@@ -292,109 +289,6 @@ impl GatheredArrivals {
             least: finite(shown / size),
             most: finite((square_of_most / square).sqrt()),
         }
-    }
-}
-
-/// Parts of space: as many elements each, or one more, along an axis. The last axis is the fastest.
-struct SpaceParts<'a> {
-    space: &'a PhaseSpace,
-    /// The numbers of elements of the parts, by axis.
-    elements: Vec<Vec<usize>>,
-}
-
-impl<'a> SpaceParts<'a> {
-    /// At most `most` parts along each axis.
-    fn new(space: &'a PhaseSpace, most: usize) -> Self {
-        let elements = |axis: &Axis| {
-            let mut elements = vec![0; most.min(axis.elements())];
-            let count = elements.len();
-            (0..axis.elements()).for_each(|e| elements[e * count / axis.elements()] += 1);
-            elements
-        };
-        Self { space, elements: space.x.iter().map(elements).collect() }
-    }
-
-    /// As many parts as so many `particles` allow of [`PARTICLES_OF_PART`] each.
-    fn for_particles(space: &'a PhaseSpace, particles: usize) -> Self {
-        let (dimension, mut most) = (space.dimension() as u32, 1_usize);
-        while (most + 1).pow(dimension) * PARTICLES_OF_PART <= particles {
-            most += 1;
-        }
-        Self::new(space, most)
-    }
-
-    /// The number of parts.
-    fn count(&self) -> usize {
-        self.elements.iter().map(Vec::len).product()
-    }
-
-    /// The part of the element with these numbers along the axes.
-    fn number(&self, element_along: impl Fn(usize) -> usize) -> usize {
-        let axes = self.space.x.iter().zip(&self.elements).enumerate();
-        axes.fold(0, |part, (a, (axis, elements))| {
-            let parts = elements.len();
-            part * parts + element_along(a) * parts / axis.elements()
-        })
-    }
-
-    /// The part of a point `[x, y, z, …]`.
-    fn at(&self, point: &[f64; 6]) -> usize {
-        self.number(|a| self.space.x[a].element_at(point[a]))
-    }
-
-    /// The part of a cell.
-    fn of_cell(&self, cell: &[usize; MAX_DIMENSION]) -> usize {
-        self.number(|a| self.space.x[a].element_of(cell[a] as i64) as usize)
-    }
-
-    /// The volume of a part.
-    fn volume(&self, part: usize) -> f64 {
-        let mut rest = part;
-        let along = self.space.x.iter().zip(&self.elements).rev().map(|(axis, elements)| {
-            let own = elements[rest % elements.len()];
-            rest /= elements.len();
-            own as f64 * axis.width()
-        });
-        along.product()
-    }
-
-    /// The relative L2 error of the density if that of each part follows from the error of `f`
-    /// there.
-    fn smeared(&self, by_part: &[ParticleSums]) -> Option<f64> {
-        let power = density_power(self.space);
-        let seen = if self.space.whole_degree() == 0 { 1.0 } else { SEEN_OF_FRONT };
-        let (mut error, mut size) = (0.0, 0.0);
-        for (part, of) in by_part.iter().enumerate().filter(|(_, of)| of.size > 0.0) {
-            let of_field = (of.error / of.size).sqrt();
-            let missing = of_field.min(of_field.powi(power) / seen) * of.absolute;
-            error += missing * missing / self.volume(part);
-            size += of.mass * of.mass / self.volume(part);
-        }
-        Some((error / size).sqrt()).filter(|error| error.is_finite()).map(|error| error.min(1.0))
-    }
-}
-
-/// Sums over particles.
-#[derive(Clone, Default)]
-struct ParticleSums {
-    /// `∫ (f_h − f)²` where `f ≠ 0`.
-    error: f64,
-    /// `∫ f²`.
-    size: f64,
-    /// `∫ f`.
-    mass: f64,
-    /// `∫ |f|`.
-    absolute: f64,
-}
-
-impl ParticleSums {
-    /// Adds an arrival at which `f_h` has the given value.
-    fn add(&mut self, arrival: &ArrivedParticle, value: f64) {
-        let ArrivedParticle { mass, value: exact, .. } = arrival;
-        self.error += mass / exact * (value - exact) * (value - exact);
-        self.size += mass * exact;
-        self.mass += mass;
-        self.absolute += mass.abs();
     }
 }
 
@@ -595,6 +489,7 @@ fn products(
 mod tests {
     use super::*;
     use crate::problem::element::Nodes;
+    use crate::problem::grid::Axis;
 
     /// Without a known size there is no relative error, and least of all one of 100 %.
     #[test]
@@ -637,60 +532,6 @@ mod tests {
             let near = |(a, b): (f64, f64)| (a - b).abs() < 1e-12;
             assert!(found(size).into_iter().zip(expected).all(near), "{size}: {:?}", found(size));
         }
-    }
-
-    /// Parts are numbered without gaps, and fill the box, on fewer elements than parts, too.
-    #[test]
-    fn parts_of_space_fill_the_box() {
-        let x = [Axis::new(-1.0, 2.0, 7), Axis::new(0.0, 0.5, 3).with_nodes(Nodes::of_space(2))];
-        let v = vec![Axis::new(-1.0, 1.0, 2); 2];
-        let space = PhaseSpace { x: x.to_vec(), v, periodic: [false; MAX_DIMENSION] };
-        // The largest number of parts along each axis, and the number of parts.
-        for (most, count) in [(1, 1), (2, 4), (4, 12), (100, 21)] {
-            let parts = SpaceParts::new(&space, most);
-            assert_eq!(parts.count(), count);
-            let volume: f64 = (0..count).map(|part| parts.volume(part)).sum();
-            assert!((volume - 1.5).abs() < 1e-14, "{most}: {volume}");
-            let mut met = vec![0.0; count];
-            for cell in box_cells(&space.space_ranges()) {
-                let part = parts.of_cell(&cell);
-                let mut point = [0.0; 6];
-                (0..2).for_each(|a| point[a] = space.x[a].inner_centre(cell[a] as i64));
-                assert_eq!(parts.at(&point), part, "{most}: {cell:?}");
-                // A third of an element of degree 2.
-                met[part] += 1.5 / 63.0;
-            }
-            let fills = |(part, met): (usize, &f64)| (met - parts.volume(part)).abs() < 1e-14;
-            assert!(met.iter().enumerate().all(fills), "{most}: {met:?}");
-        }
-        for (particles, count) in [(0, 1), (63, 1), (64, 4), (16 * 9, 9), (100_000, 21)] {
-            assert_eq!(SpaceParts::for_particles(&space, particles).count(), count, "{particles}");
-        }
-    }
-
-    /// The density is as far off as smearing makes it: by part, and never more than `f` is.
-    #[test]
-    fn the_density_of_smeared_parts_follows_from_the_error_of_f() {
-        let of_part =
-            |error: f64, mass: f64| ParticleSums { error, size: 1.0, mass, absolute: 2.0 };
-        let smeared = |degree: usize, by_part: [ParticleSums; 2]| {
-            let x = vec![Axis::new(0.0, 1.0, 2).with_nodes(Nodes::of_space(degree))];
-            let v = vec![Axis::new(-1.0, 1.0, 2)];
-            let space = PhaseSpace { x, v, periodic: [false; MAX_DIMENSION] };
-            SpaceParts::new(&space, 2).smeared(&by_part)
-        };
-        let near = |found: Option<f64>, expected: f64| {
-            assert!((found.expect("an error") - expected).abs() < 1e-14, "{found:?}");
-        };
-        let even = |error: f64| [of_part(error, 2.0), of_part(error, 2.0)];
-        near(smeared(2, even(0.01)), 0.02);
-        near(smeared(0, even(0.01)), 1e-3);
-        near(smeared(2, even(0.49)), 0.7);
-        near(smeared(2, even(9.0)), 1.0);
-        near(smeared(2, [of_part(0.01, 2.0), of_part(0.0, 2.0)]), 0.02 / 2f64.sqrt());
-        // Data of both signs have a smaller density.
-        near(smeared(2, [of_part(0.01, 1.0), of_part(0.01, -1.0)]), 0.04);
-        assert_eq!(smeared(2, [of_part(0.0, 0.0), of_part(0.0, 0.0)]), None);
     }
 
     fn value(space: &PhaseSpace, k: usize, x: f64, f: impl Fn(f64) -> f64) -> f64 {
