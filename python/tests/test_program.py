@@ -215,8 +215,8 @@ def test_going_on(small: pw.Case, tmp_path: Path) -> None:
     """A finished run goes on to a later time."""
     end = float(small["time.end"])
     first = pw.run(small.replace({"time.end": 0.5 * end}), tmp_path / "first")
-    every: dict[str, str | float] = {
-        "output.fields_every": 0.3 * end,
+    every: dict[str, Any] = {
+        "output.fields_every": np.float64(0.3 * end),
         "title": "second part",
     }
     second = pw.continue_run(first, end, tmp_path / "second", settings=every, ranks=2)

@@ -161,6 +161,7 @@ def test_what_gives_no_table_is_refused_before_the_first_run(
     assert "no entry accurazy.grid" in refused(one, columns=["modes", "accurazy.grid"])
     assert "not 'modes'" in refused(one, columns="modes")
     assert "mode = 'ful'" in refused(one, mode="ful")
+    assert "initial.f: a formula" in refused({"initial.f": ["1*(abs(x)<1)", [1, 2]]})
     # As the command says it, and of a case without a file, too.
     said = 'unknown key solver.tolerence (did you mean "tolerance"?)'
     assert said in refused({"solver.tolerence": [1e-2, 1e-3]})

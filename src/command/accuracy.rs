@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::command::cli::{AccuracyArgs, Changes, RunArgs};
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::problem::case::reader::key_of;
+use crate::problem::case::file::keys_of;
 use crate::study::accuracy;
 use crate::study::advise::AdviceRequest;
 use std::path::Path;
@@ -64,7 +64,8 @@ fn refuse_chosen_keys(set: &[String]) -> Result<()> {
     let of_axis = |key: &str| {
         key.starts_with("axis.") && (key.ends_with(".cells") || key.ends_with(".degree"))
     };
-    match set.iter().map(|set| key_of(set)).find(|key| of_axis(key) || CHOSEN.contains(key)) {
+    let is_chosen = |key: &String| of_axis(key) || CHOSEN.contains(&key.as_str());
+    match set.iter().flat_map(|set| keys_of(set)).find(is_chosen) {
         Some(key) => Err(Error::Input(format!(
             "--set {key} beside --accuracy or solver.accuracy, which choose cells, degree, \
              flux, interface and tolerance: leave one of them out"

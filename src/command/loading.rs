@@ -6,7 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::base::log::eprint_wrapped;
 use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
-use crate::problem::case::reader::{key_of, number_of};
+use crate::problem::case::reader::{is_within, key_of, number_of};
 use crate::problem::case::{self, Case};
 use crate::problem::exported::ExportOwner;
 use crate::results::dataset::RESULT;
@@ -133,6 +133,12 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
             "--set {key}: that follows from DIR and --until; leave it out"
         )));
     }
+    if case.is_measure_valued() {
+        return Err(wrong(&format!(
+            "measure-valued data are several fields, and a run continues from /f only; run its \
+             case again with --set time.end={until}"
+        )));
+    }
     if case.warped_start.is_some() && !keys.iter().any(|key| key.starts_with("initial")) {
         return Err(wrong(&format!(
             "its run began from initial.warped, so that the formula of f at t = 0 is not known, \
@@ -204,7 +210,7 @@ fn carried_tables(
     let mut tables = BTreeMap::new();
     for of in case.tables.iter().map(|file| file.of) {
         let key = of.key();
-        let is_kept = !keys.iter().any(|set| key.starts_with(set) || set.starts_with(&key));
+        let is_kept = !keys.iter().any(|set| is_within(&key, set) || is_within(set, &key));
         let known = [file_name(of), checksum_name(of)].map(|name| provenance.get(&name));
         if let (true, [Some(path), Some(sum)]) = (is_kept, known) {
             files.push(format!("{key}.file={}", serde_json::Value::from(path.as_str())));

@@ -340,6 +340,14 @@ fn an_accuracy_excludes_settings_that_it_chooses() {
         let name = key.split('=').next().unwrap_or_default();
         finished.ended(2, &["--accuracy", name]).unwrap();
     }
+    let tables = [
+        ("scheme={degree=2}", "scheme.degree"),
+        ("solver={tolerance=1e-3}", "solver.tolerance"),
+        ("axis.0.x={lower=-1,upper=1,cells=7}", "axis.0.x.cells"),
+    ];
+    for (table, key) in tables {
+        job(&["run", "--set", table]).run().unwrap().ended(2, &["--accuracy", key]).unwrap();
+    }
     let finished = Job::new(["run", &path, "--budget", "3s"]).run().unwrap();
     finished.ended(2, &["--accuracy"]).unwrap();
     // The key of the case file has the same effect.

@@ -329,7 +329,7 @@ fn what_cannot_go_on_is_refused() {
         (on(path, 0.2), &["--until 0.2", "its results are at t = 0.2", "a later time"]),
         (on(path, 0.1), &["--until 0.1", "a later time"]),
         (on(nothing.path(), 0.5), &["result.h5", "a directory that `phasewarp run` wrote"]),
-        (on(measure.path(), 0.5), &["initial.field", "measure-valued data are several fields"]),
+        (on(measure.path(), 0.5), &["--continue", "measure-valued data are several fields"]),
         (go(&["time.start=0"]), &["--set time.start", "follows from DIR and --until"]),
         (go(&["initial.field=a.h5"]), &["--set initial.field", "follows from DIR"]),
         (go(&["axis.0.x.cells=26"]), &["initial.field", "cells along x: 24 there, 26 in the case"]),

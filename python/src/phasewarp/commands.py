@@ -11,7 +11,7 @@ from typing import Any, Literal, overload
 import numpy as np
 import pandas as pd
 
-from phasewarp.case import Case
+from phasewarp.case import Case, plain, toml
 from phasewarp.program import CaseError, PhasewarpWarning, StrPath, call, whole
 from phasewarp.result import Result
 
@@ -387,8 +387,7 @@ def continue_run(
         place = beside.with_name(f"{beside.name}-until-{time}")
     words = ["run", "--continue", str(begun), "--until", repr(float(until))]
     for key, value in (settings or {}).items():
-        # JSON of numbers, texts, truth values and lists of numbers is TOML.
-        words += ["--set", f"{key}={json.dumps(value)}"]
+        words += ["--set", f"{key}={toml(plain(value))}"]
     words += options(output=str(place), resume=resume, force=force, walltime=walltime)
     call(words, ranks=ranks, timeout=timeout, program=program)
     return Result(place)

@@ -19,12 +19,12 @@ from xarray.core import indexing
 from phasewarp.program import StrPath, call
 
 SPACE = ("x", "y", "z")
-#: Groups of the file that hold copies or no arrays.
 #: What is said of other files.
 NO_RESULT = (
     "not a file that a run writes its fields to; the directory of a run expected, its result.h5, "
     "or a warped field"
 )
+#: Groups of the file that hold copies or no arrays.
 LEFT_OUT = ("axis", "xdmf", "timings")
 
 

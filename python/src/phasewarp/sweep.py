@@ -120,10 +120,10 @@ def sweep(
     if mode not in (None, *get_args(Mode)):
         raise ValueError(f"mode = {mode!r}: one of {get_args(Mode)} expected")
     case = as_case(case)
-    refuse_all_wrong((case.replace(point) for point in points), program)
+    cases = [case.replace(point) for point in points]
+    refuse_all_wrong(cases, program)
     rows = []
-    for number, point in enumerate(points, start=1):
-        one = case.replace(point)
+    for number, (point, one) in enumerate(zip(points, cases, strict=True), start=1):
         place = Path(directory) / run_name(one, point, mode)
         before = written(place)
         found = solve(one, place, ranks=ranks, mode=mode, timeout=timeout, program=program)

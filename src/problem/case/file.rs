@@ -8,7 +8,9 @@ use crate::base::error::{Error, Result};
 use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
 use crate::problem::case::keys::{self, ValueKind};
-use crate::problem::case::reader::{KeyValue, Mistake, decimal, integer, joined_key, number_of};
+use crate::problem::case::reader::{
+    KeyValue, Mistake, decimal, integer, joined_key, key_of, number_of,
+};
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -19,7 +21,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 /// Largest number of characters of a value or of a line in a message.
-const MOST_SHOWN: usize = 120;
+pub(super) const MOST_SHOWN: usize = 120;
 
 /// A case file with its `--set` options applied.
 #[derive(Debug)]
@@ -447,6 +449,18 @@ fn with_span<'t>(value: DeValue<'t>, span: &Range<usize>) -> Spanned<DeValue<'t>
         other => other,
     };
     Spanned::new(span.clone(), value)
+}
+
+/// The keys of all values that a `--set` option gives: of a table, those of its entries.
+pub fn keys_of(set: &str) -> Vec<String> {
+    let value = set.split_once('=').map_or("", |(_, value)| value.trim());
+    let mut settings = BTreeMap::new();
+    match DeValue::parse(value) {
+        Ok(value) => collect(value.get_ref(), key_of(set), &mut settings),
+        // Text without quotes.
+        Err(_) => return vec![key_of(set).to_owned()],
+    }
+    settings.into_keys().collect()
 }
 
 /// Adds the values at `path` and below to `settings`.

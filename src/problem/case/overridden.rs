@@ -3,18 +3,13 @@
 use crate::base::error::Error;
 use crate::base::refusal::Refusal;
 use crate::base::text::shortened;
-use crate::problem::case::reader::key_of;
+use crate::problem::case::file::MOST_SHOWN;
+use crate::problem::case::reader::{is_within, key_of};
 use crate::problem::case::{Case, TableFile};
-
-/// Largest number of characters of a value or of a `--set` in a message.
-const MOST_SHOWN: usize = 120;
 
 impl Case {
     /// The number of the last `--set` that gives `key`, a table around it, or an entry of it.
     fn override_of(&self, key: &str) -> Option<usize> {
-        let is_within = |inner: &str, outer: &str| {
-            inner.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
-        };
         self.settings.keys().find(|given| is_within(given, key))?;
         self.overrides.iter().rposition(|set| {
             let set: Vec<&str> = key_of(set).split('.').map(str::trim).collect();

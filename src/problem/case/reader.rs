@@ -119,6 +119,11 @@ pub fn key_of(set: &str) -> &str {
     set.split('=').next().unwrap_or_default().trim()
 }
 
+/// Whether the key `inner` is `outer`, or that of a value below it.
+pub fn is_within(inner: &str, outer: &str) -> bool {
+    inner.strip_prefix(outer).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+}
+
 /// The value of a formula of constants that is given instead of a number.
 ///
 /// # Errors
@@ -419,5 +424,18 @@ impl<'de, T: Item> Deserialize<'de> for List<T> {
         }
 
         deserializer.deserialize_tuple_struct(LIST, 1, Reader(PhantomData))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_within_their_tables() {
+        assert!(is_within("potential.1.table", "potential.1"));
+        assert!(is_within("potential.1", "potential.1"));
+        assert!(!is_within("potential.10.table", "potential.1"));
+        assert!(!is_within("potential", "potential.1"));
     }
 }

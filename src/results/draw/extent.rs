@@ -4,6 +4,8 @@ use crate::results::figure::{Layer, Map, Panel, PlotAxis, Scale};
 
 /// Values that differ by less than this, relative to the largest, are equal.
 const ROUND_OFF: f64 = 1e-12;
+/// The smallest positive number, which is subnormal.
+const LEAST_POSITIVE: f64 = f64::from_bits(1);
 
 /// The ends of the two axes: the given ones, else those of the data with a margin.
 pub fn ends(panel: &Panel) -> [[f64; 2]; 2] {
@@ -49,8 +51,9 @@ fn with_margin([lower, upper]: [f64; 2], scale: Scale) -> [f64; 2] {
         Scale::Linear if lower > upper => [0.0, 1.0],
         Scale::Log if lower > upper => [0.1, 10.0],
         Scale::Log => {
-            let part = (upper / lower).powf(0.06).max(1.3);
-            [lower / part, upper * part]
+            // The quotient of the two ends may be infinite.
+            let part = (0.06 * (upper.ln() - lower.ln())).exp().max(1.3);
+            [(lower / part).max(LEAST_POSITIVE), (upper * part).min(f64::MAX)]
         }
         Scale::Linear => {
             let largest = upper.abs().max(lower.abs());
@@ -85,6 +88,16 @@ pub fn map_range(map: &Map) -> [f64; 2] {
 mod tests {
     use super::*;
     use crate::results::figure::palette::Style;
+
+    /// A logarithmic axis has finite ends above zero for any data.
+    #[test]
+    fn logarithmic_axes_hold_all_numbers() {
+        for values in [[1e-318, 1.0], [1e-10, 1e300], [LEAST_POSITIVE, f64::MAX], [1.0, 1.0]] {
+            let [lower, upper] = with_margin(values, Scale::Log);
+            assert!(0.0 < lower && lower <= values[0], "{values:?}: {lower:e}");
+            assert!(values[1] <= upper && upper.is_finite(), "{values:?}: {upper:e}");
+        }
+    }
 
     #[test]
     fn axes_of_a_single_value() {

@@ -37,7 +37,7 @@ impl Ruler {
         let [lower, upper] = self.ends;
         match self.scale {
             Scale::Linear => (value - lower) / (upper - lower),
-            Scale::Log if value > 0.0 => (value / lower).ln() / (upper / lower).ln(),
+            Scale::Log if value > 0.0 => (value.ln() - lower.ln()) / (upper.ln() - lower.ln()),
             Scale::Log => f64::NAN,
         }
     }
@@ -127,8 +127,11 @@ fn linear([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
 
 /// Ticks at powers of ten, about `wanted` of them labelled. With fewer than two powers, 2 and 5
 /// times a power have labels, too. If that gives fewer than two labels, ticks are those of a linear
-/// axis.
+/// axis. There are none unless the ends are positive and finite.
 fn logarithmic([lower, upper]: [f64; 2], wanted: usize) -> Vec<Tick> {
+    if !(lower > 0.0 && upper.is_finite()) {
+        return Vec::new();
+    }
     let (first, last) =
         ((lower.log10() - 1e-9).floor() as i32, (upper.log10() + 1e-9).ceil() as i32);
     let inside = |at: &f64| (lower * (1.0 - 1e-9)..=upper * (1.0 + 1e-9)).contains(at);
@@ -196,6 +199,15 @@ mod tests {
 
     fn labels(ticks: &[Tick]) -> Vec<&str> {
         ticks.iter().filter_map(|t| t.label.as_deref()).collect()
+    }
+
+    #[test]
+    fn axes_of_all_numbers_have_a_few_ticks() {
+        let all = [f64::from_bits(1), f64::MAX];
+        assert!((2..=8).contains(&labels(&logarithmic(all, 6)).len()));
+        assert_eq!(logarithmic([0.0, f64::INFINITY], 6), []);
+        let ruler = Ruler::new(&PlotAxis::log("x"), all, 400.0);
+        assert_eq!([all[0], all[1]].map(|end| ruler.fraction(end)), [0.0, 1.0]);
     }
 
     #[test]
