@@ -13,7 +13,7 @@ use phasewarp::base::machine::{cache_per_core, last_cache_per_core, processor_se
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::blocking::Blocking;
 use phasewarp::matrix::blocking::fastest::FastestBlocking;
-use phasewarp::matrix::kernel::{InstructionSet, Vectorized};
+use phasewarp::matrix::instruction_set::{InstructionSet, Vectorized};
 use phasewarp::matrix::lanes::{LANES, Lanes, StepConstants};
 use phasewarp::matrix::vector::Vector;
 use phasewarp::matrix::weights::Weights;

@@ -29,7 +29,7 @@ pub mod values;
 
 use crate::base::error::Result;
 use crate::command::cli::{Cli, Command};
-use crate::matrix::kernel::InstructionSet;
+use crate::matrix::instruction_set::InstructionSet;
 use crate::parallel::communicator::World;
 
 /// Carries out a command. Collective.

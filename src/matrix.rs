@@ -18,6 +18,7 @@ pub mod elements;
 pub mod embedding;
 mod equal_rows;
 pub mod inflow;
+pub mod instruction_set;
 pub mod kernel;
 pub mod lanes;
 pub mod line_bounds;

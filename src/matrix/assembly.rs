@@ -128,7 +128,7 @@ fn inflow_rows(
         Embedding::Boundary | Embedding::Scalar if case.enters() => {
             row.inflow.iter().any(|&b| b != 0.0)
         }
-        Embedding::Boundary | Embedding::Scalar => row.draw != 0.0,
+        Embedding::Boundary | Embedding::Scalar => row.inflow_rate != 0.0,
     };
     let mut rows = InflowRows {
         list: Vec::new(),

@@ -14,7 +14,8 @@ mod products;
 
 use crate::matrix::bundles::Bundles;
 use crate::matrix::inflow::{AuxiliaryRow, VaryingInflow};
-use crate::matrix::kernel::{InstructionSet, LineStep};
+use crate::matrix::instruction_set::InstructionSet;
+use crate::matrix::kernel::LineStep;
 use crate::matrix::lanes::{Lanes, StartRow, StepConstants};
 use crate::matrix::row_lines::RowLines;
 use crate::matrix::rows::{AssemblySize, Rows};

@@ -24,7 +24,7 @@ use crate::problem::case::{Case, Delta, Exact, Method};
 use crate::problem::exact::{MOST_EXAMINED, MostCells, traced_bytes};
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::LargestJump;
-use crate::scheme::interface::energy::check_axis;
+use crate::scheme::interface::rest_face::check_axis;
 use crate::scheme::interface::{law_of, velocity};
 use crate::scheme::reduce::grid;
 use crate::scheme::rows::{fastest, transport_rate};

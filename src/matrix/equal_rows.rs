@@ -102,7 +102,7 @@ impl CellsWithEqualRows {
             case.embeds()
                 && (first..first + velocities).any(|i| {
                     scheme.row(row, i);
-                    row.draw != 0.0
+                    row.inflow_rate != 0.0
                 })
         };
         let mut number = 0;

@@ -3,7 +3,7 @@
 //!
 //! Like the steps of [`kernel`](crate::matrix::kernel), this is compiled for each instruction set.
 
-use crate::matrix::kernel::{InstructionSet, Vectorized};
+use crate::matrix::instruction_set::{InstructionSet, Vectorized};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::matrix::vector::{Vector, multiply_add};

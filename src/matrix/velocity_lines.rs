@@ -361,7 +361,8 @@ struct ForcedCell<'a> {
 mod tests {
     use super::*;
     use crate::matrix::block_matrix::{BlockMatrix, Operator};
-    use crate::matrix::kernel::{InstructionSet, LineStep};
+    use crate::matrix::instruction_set::InstructionSet;
+    use crate::matrix::kernel::LineStep;
     use crate::matrix::lanes::LANES;
     use crate::matrix::weights::Weights;
     use crate::parallel::partition::ProcessMesh;

@@ -1,6 +1,7 @@
 //! The layout of a run: the process mesh of least modelled cost that fits, the modes of each group,
 //! and memory.
 
+use crate::base::bisect::bisect_whole;
 use crate::base::error::{Error, LESS_MEMORY, Result};
 use crate::base::memory::NamedBytes;
 use crate::base::text::{bytes_text, counted};
@@ -297,16 +298,8 @@ fn fewer_points(work: PlannedWork<'_>, given: bool, resources: &Resources) -> St
 /// The largest even number from 2 to `most` whose `memory`, which does not decrease, is within
 /// `limit`.
 fn most_points(most: usize, limit: u64, memory: impl Fn(usize) -> u64) -> Option<usize> {
-    let (mut low, mut high) = (0, most / 2 + 1);
-    while high - low > 1 {
-        let middle = low.midpoint(high);
-        if memory(2 * middle) <= limit {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    Some(2 * low).filter(|points| *points > 0)
+    let [half, _] = bisect_whole(0, most / 2 + 1, |half| memory(2 * half) <= limit);
+    Some(2 * half).filter(|points| *points > 0)
 }
 
 fn mesh_of(grid: &PhaseSpace, space: &[usize], ranks: usize) -> Result<ProcessMesh> {

@@ -341,19 +341,20 @@ impl PhaseSpace {
     /// The [`point`](Self::point) of a cell at which formulas are evaluated that may have edges on
     /// faces: beside a face on which it lies, in its element.
     pub fn point_in_element(&self, cell: &Cell) -> [f64; 6] {
-        let mut point = self.point(cell);
-        for (a, axis) in self.x.iter().enumerate() {
-            point[a] = axis.centre_in_element(cell[a] as i64);
-        }
-        point
+        self.point_with(cell, Axis::centre_in_element)
     }
 
     /// The [`point`](Self::point) of a cell. If it is on a face of space, it is moved inside its
     /// element by a billionth of the width, as a function may jump at the face.
     pub fn inner_point(&self, cell: &Cell) -> [f64; 6] {
+        self.point_with(cell, Axis::inner_centre)
+    }
+
+    /// The [`point`](Self::point) of a cell, with other coordinates in space.
+    fn point_with(&self, cell: &Cell, coordinate: fn(&Axis, i64) -> f64) -> [f64; 6] {
         let mut point = self.point(cell);
         for (a, axis) in self.x.iter().enumerate() {
-            point[a] = axis.inner_centre(cell[a] as i64);
+            point[a] = coordinate(axis, cell[a] as i64);
         }
         point
     }

@@ -29,7 +29,7 @@ pub(super) fn length(system: &Evolution<'_>, v: &[Complex64]) -> f64 {
     let largest = system.matrix.pieces().map(square).fold(0.0, larger);
     let bound = system.space.max(largest);
     let squares = system.matrix.pieces().map(square);
-    system.space.sum(bound, system.norm_terms, squares).max(0.0).sqrt()
+    system.space.sum(bound, system.norm_terms, squares).sqrt()
 }
 
 /// Norms that an improvement of a solution needs.

@@ -170,7 +170,7 @@ impl Krylov {
             let mut inverse = [0.0; LANES];
             for l in 0..LANES {
                 // An invariant Krylov space is exact: the rest of the recurrence is round-off.
-                let beta = square[l].max(0.0).sqrt();
+                let beta = if square[l] < 0.0 { 0.0 } else { square[l].sqrt() };
                 let closed = beta <= f64::EPSILON * sizes[l];
                 self.beta[j][l] = if closed { 0.0 } else { beta };
                 inverse[l] = if closed { 0.0 } else { 1.0 / beta };

@@ -231,7 +231,7 @@ impl LimitedTransport {
                     // For particles that leave the grid through this face, the value behind it is
                     // not the inflow.
                     let leaves = (speed > 0.0) == above;
-                    let known = speed != 0.0 && !(leaves && row.draw > 0.0);
+                    let known = speed != 0.0 && !(leaves && row.inflow_rate > 0.0);
                     let own = first..first + nv;
                     let mut face = this.face(row, field, known, own, &local);
                     if ends_box && known {

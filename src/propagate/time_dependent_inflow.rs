@@ -47,15 +47,16 @@ const SAMPLES: usize = 256;
 const NEGLIGIBLE: f64 = 1e-16;
 
 /// Gauss nodes of a step of unit length.
-pub fn nodes() -> [f64; 2] {
+fn nodes() -> [f64; 2] {
     let half = 3f64.sqrt() / 6.0;
     [0.5 - half, 0.5 + half]
 }
 
-/// Weights of `b_1` and `b_2` in the two halves of a step.
-pub fn halves() -> [[f64; 2]; 2] {
+/// The inflow in the two halves of a step, by its values at the [`nodes`].
+fn half_step_values([b1, b2]: [f64; 2]) -> [f64; 2] {
     let third = 3f64.sqrt() / 3.0;
-    [[0.5 + third, 0.5 - third], [0.5 - third, 0.5 + third]]
+    let (large, small) = (0.5 + third, 0.5 - third);
+    [large * b1 + small * b2, small * b1 + large * b2]
 }
 
 /// The inflow in stages: constant on each half of each step.
@@ -110,8 +111,9 @@ pub fn stage_values(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64>
             (matrix.entering.values(field, case.start_time + (step as f64 + c) * h)).collect()
         };
         let [first, second] = nodes().map(at);
-        for [u, w] in halves() {
-            values.extend(first.iter().zip(&second).map(|(a, b)| u * a + w * b));
+        for half in 0..2 {
+            let both = first.iter().zip(&second);
+            values.extend(both.map(|(a, b)| half_step_values([*a, *b])[half]));
         }
     }
     values
@@ -125,8 +127,7 @@ fn largest_strengths(case: &Case, matrix: &BlockMatrix, steps: usize) -> Vec<f64
     let square = |point: &[f64; 6]| {
         let stages = (0..steps).flat_map(|step| {
             let at = |c: f64| formula.at_point(point, case.start_time + (step as f64 + c) * h);
-            let [b1, b2] = nodes().map(at);
-            halves().map(|[u, w]| u * b1 + w * b2)
+            half_step_values(nodes().map(at))
         });
         stages.fold(0.0, |most: f64, b| most.max(b * b))
     };

@@ -97,7 +97,7 @@ const NOWHERE: usize = i64::MAX as usize;
 impl FullestLine {
     const NONE: Self = Self(0, NOWHERE);
 
-    fn see(&mut self, count: usize, unknown: usize) {
+    fn count_line(&mut self, count: usize, unknown: usize) {
         if count > self.0 || (count == self.0 && unknown < self.1) {
             *self = Self(count, unknown);
         }
@@ -197,7 +197,7 @@ impl NonzeroParts {
                 self.row_columns(scheme, global, &mut row, &mut columns);
                 for (part, list) in columns.iter().enumerate() {
                     if own.is_some() {
-                        self.rows[part].see(list.len(), global);
+                        self.rows[part].count_line(list.len(), global);
                     }
                     for &column in list {
                         if let Some(LocalIndex::Own(j)) = block.local(column) {
@@ -239,7 +239,7 @@ impl NonzeroParts {
         let n = self.dimension;
         let mut fullest_column = FullestLine::NONE;
         for (&number, &global) in self.columns[part].iter().zip(&self.globals) {
-            fullest_column.see(number as usize, global);
+            fullest_column.count_line(number as usize, global);
         }
         let (name, [of_rows, of_columns]) = match part {
             part if part < n => (["A_x", "A_y", "A_z"][part], [Some(3), Some(q[part])]),
@@ -270,9 +270,9 @@ impl NonzeroParts {
         let mut fullest = FullestLine::NONE;
         let number = |i: usize| matrix.row(i).filter(|&(_, s, k)| present(s, k)).count();
         let own = matrix.shared_row().unwrap_or(matrix.rows());
-        (0..own).for_each(|i| fullest.see(number(i), unknown(i)));
+        (0..own).for_each(|i| fullest.count_line(number(i), unknown(i)));
         if let Some(shared) = matrix.shared_row() {
-            fullest.see(report.space.sum_count(number(shared)), 2 * all);
+            fullest.count_line(report.space.sum_count(number(shared)), 2 * all);
         }
         fullest
     }

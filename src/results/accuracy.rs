@@ -6,20 +6,25 @@ use crate::base::text::{
 pub use crate::problem::case::GridErrorPair;
 use crate::problem::case::{Case, Exact, Limiter, Method};
 use crate::problem::element::LARGEST_DEGREE;
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace};
+use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::oblique::oblique_edges;
-use crate::scheme::interface::energy::{WITH_REST_ON_A_FACE, allows_elements};
+use crate::scheme::interface::rest_face::{WITH_REST_ON_A_FACE, allows_elements};
 use serde::{Deserialize, Serialize};
 
 /// Parts of space along each axis whose masses particles of the exact flow compare, by dimension.
 pub const PARTS_OF_SPACE: [usize; MAX_DIMENSION] = [16, 4, 3];
 
-/// The power of the error of `f` that its smearing makes of the density. On cells the errors nearly
-/// cancel in the density after phase mixing, as found in the scenes of docs/verification.md. On
-/// elements a front that is smeared over a width `w` is `√w` off, its density `w`.
-pub fn density_power(space: &PhaseSpace) -> i32 {
-    if space.whole_degree() == 0 { 3 } else { 2 }
+/// The relative error of the density where `f` is smeared out and has this `error`, on a grid of a
+/// degree. On elements a front that is smeared over a width `w` is `√w` off, its density `w`. On
+/// cells the errors nearly cancel in the density after phase mixing, as found in the scenes of
+/// docs/verification.md.
+pub fn density_of_smeared(degree: usize, error: f64) -> f64 {
+    error.powi(if degree == 0 { 3 } else { 2 })
 }
+
+/// The error of the density over that of `f`, of what jumps of `V` add on cells: most of it cancels
+/// in the integral over the velocities, as found in steady gases.
+const INTERPOLATED_DENSITY: f64 = 1.0 / 40.0;
 
 /// The estimate of the density's error on elements: what its own coefficients show, and the square
 /// of the error of `f`.
@@ -44,7 +49,8 @@ pub struct ParticleErrors {
     /// of space whose masses are compared.
     #[serde(default)]
     pub density_most: Option<f64>,
-    /// Of the density in L2, if `f` is smeared out within each part of space: about this.
+    /// Of the density in L2, if `f` is smeared out within each part of space, or was in all of it:
+    /// about this.
     #[serde(default)]
     pub density_smeared: Option<f64>,
 }
@@ -57,8 +63,8 @@ pub struct EstimatedErrors {
     /// That of the density as its own coefficients show it, with elements. The error of `f` may
     /// be smeared out there, so that `grid` counts more.
     pub density_shown: Option<f64>,
-    /// Where the law at jumps of `V` interpolates between velocities: the largest error of that,
-    /// relative to `f` in L2.
+    /// With velocity cells of degree 0: the largest error that a jump of `V` adds to what it
+    /// transmits, by interpolation or overlap between cells, relative to `f` in L2.
     pub interpolation: Option<f64>,
 }
 
@@ -71,7 +77,7 @@ impl EstimatedErrors {
 
     /// These errors, where the square of the error of `f` in that of the density is limited by the
     /// `mean` error that particles show. An estimate far above it is too large, as for smooth data.
-    pub fn beside_mean(self, mean: Option<f64>) -> Self {
+    pub fn limit_by_particle_mean(self, mean: Option<f64>) -> Self {
         let known = (mean, self.grid.field, self.density_shown);
         let (Some(mean), Some(field), Some(shown)) = known else { return self };
         let of_field = field.min(MOST_OF_MEAN * mean);
@@ -82,9 +88,20 @@ impl EstimatedErrors {
     /// These errors, but at least `share` where they are known: the part of all mass that the law
     /// at jumps of `V` adds or takes. It is about the error where `f` hardly varies along paths, so
     /// that these estimates see nothing, and may be too large after that mass has left.
-    pub fn at_least(self, share: f64) -> Self {
+    pub fn raise_to_interface_share(self, share: f64) -> Self {
         let GridErrorPair { field, density } = self.grid;
         let [field, density] = [field, density].map(|known| known.map(|error| error.max(share)));
+        Self { grid: GridErrorPair { field, density }, ..self }
+    }
+
+    /// These errors, but at least what jumps of `V` add that transmitted `f` so many times on
+    /// average. The other estimates do not see it, as in a steady gas, which does not vary in
+    /// space.
+    pub fn raise_to_transmissions(self, transmissions: f64) -> Self {
+        let added = self.interpolation.map_or(0.0, |error| (error * transmissions).min(1.0));
+        let GridErrorPair { field, density } = self.grid;
+        let field = field.map(|error| error.max(added));
+        let density = density.map(|error| error.max(INTERPOLATED_DENSITY * added));
         Self { grid: GridErrorPair { field, density }, ..self }
     }
 
@@ -92,8 +109,8 @@ impl EstimatedErrors {
     /// which paths are off, if it is no larger than the error of `f` that `particles` show, or else
     /// the estimate. The density is shifted as a whole then, so that neither its own coefficients
     /// nor the square of the error of `f` show it.
-    pub fn density_at_least(self, share: f64, particles: &ParticleErrors) -> Self {
-        let of_field = particles.field_mean.or(self.field_with(particles));
+    pub fn raise_density_to_potential_share(self, share: f64, particles: &ParticleErrors) -> Self {
+        let of_field = particles.field_mean.or(self.field_or_rough_particles(particles));
         let least = of_field.map_or(share, |error| error.min(share));
         let density = self.grid.density.map(|error| error.max(least));
         Self { grid: GridErrorPair { density, ..self.grid }, ..self }
@@ -102,24 +119,22 @@ impl EstimatedErrors {
     /// The errors of the grid with what `particles` show.
     ///
     /// That of `f` is at least what they show with a large scatter. That of the density is no
-    /// larger than what they and its own coefficients leave room for. It is at least a `power` of
-    /// the error of `f` that they show: of that in each part of space, and of a large one of the
-    /// whole. Where `f` was smeared out, the solution itself shows neither. And it is at least what
-    /// their masses show.
-    pub fn with_particles(self, particles: &ParticleErrors, power: i32) -> GridErrorPair {
-        let most = self.density_shown.map_or(f64::INFINITY, |shown| particles.room_beside(shown));
-        let of_whole = particles.field_mean.filter(|error| is_large(*error));
-        let of_whole = of_whole.map(|error| error.powi(power));
-        let smeared = of_whole.into_iter().chain(particles.density_smeared).fold(0.0, f64::max);
-        let smeared = smeared.min(particles.room_beside(0.0));
+    /// larger than what they and its own coefficients leave room for, and at least what they and
+    /// their masses show. Where `f` was smeared out, the solution itself shows neither.
+    pub fn with_particles(self, particles: &ParticleErrors) -> GridErrorPair {
+        let most = self
+            .density_shown
+            .map_or(f64::INFINITY, |shown| particles.largest_density_error_beside(shown));
+        let smeared = particles.density_smeared.unwrap_or(0.0);
+        let smeared = smeared.min(particles.largest_density_error_beside(0.0));
         let least = particles.density.map_or(smeared, |error| error.max(smeared));
         let density = self.grid.density.map(|error| error.min(most).max(least));
-        GridErrorPair { field: self.field_with(particles), density }
+        GridErrorPair { field: self.field_or_rough_particles(particles), density }
     }
 
     /// The error of `f`, but at least what particles show whose scatter is large. Those whose
     /// scatter is small take the place of an estimate.
-    fn field_with(self, particles: &ParticleErrors) -> Option<f64> {
+    fn field_or_rough_particles(self, particles: &ParticleErrors) -> Option<f64> {
         let rough = particles.field_rough.filter(|_| particles.field_mean.is_none());
         self.grid.field.into_iter().chain(rough).reduce(f64::max)
     }
@@ -143,7 +158,7 @@ impl ParticleErrors {
 
     /// The largest error of the density in L2 that these errors leave room for, beside one that its
     /// own coefficients show; infinite without particles.
-    fn room_beside(&self, shown: f64) -> f64 {
+    fn largest_density_error_beside(&self, shown: f64) -> f64 {
         self.density_most.map_or(f64::INFINITY, |most| WITHIN_PARTS * shown.hypot(most))
     }
 }
@@ -469,7 +484,7 @@ mod tests {
         };
         let none = ParticleErrors::default();
         let with = |particles: ParticleErrors| {
-            let found = estimated.with_particles(&particles, 2);
+            let found = estimated.with_particles(&particles);
             [found.field, found.density].map(|error| error.expect("an error"))
         };
         assert_eq!(with(none), [0.02, 0.001]);
@@ -480,21 +495,17 @@ mod tests {
         let smeared = ParticleErrors { density_smeared: Some(0.005), ..none };
         assert_eq!(with(smeared), [0.02, 0.005]);
         assert_eq!(with(ParticleErrors { density_most: Some(0.002), ..smeared }), [0.02, 0.004]);
-        // Of the whole a large error counts only.
-        let of_whole = |field_mean: f64| ParticleErrors { field_mean: Some(field_mean), ..none };
-        assert_eq!(with(of_whole(0.09)), [0.02, 0.001]);
-        assert_eq!(with(of_whole(0.5)), [0.02, 0.25]);
         for of_masses in [0.07, 0.7] {
             let particles = ParticleErrors { density: Some(of_masses), ..smeared };
             assert_eq!(with(particles), [0.02, of_masses]);
             // A large one is reported as that of particles.
             let found = Accuracy { particles, ..Accuracy::default() };
             let found =
-                found.with_grid(GridErrorPair::default(), estimated.with_particles(&particles, 2));
+                found.with_grid(GridErrorPair::default(), estimated.with_particles(&particles));
             let of_particles = found.grid_density_source == Some(ErrorSource::Particles);
             assert_eq!((found.grid_density, of_particles), (Some(of_masses), of_masses > 0.1));
         }
-        let without = estimated.without_density().with_particles(&smeared, 2);
+        let without = estimated.without_density().with_particles(&smeared);
         assert_eq!((without.field, without.density), (Some(0.02), None));
     }
 
@@ -507,11 +518,11 @@ mod tests {
             density_shown: Some(0.0),
             interpolation: None,
         };
-        let density = |mean| estimated.beside_mean(mean).grid.density.expect("an error");
+        let density = |mean| estimated.limit_by_particle_mean(mean).grid.density.expect("an error");
         assert_eq!([density(None), density(Some(0.4))], [0.25; 2]);
         assert!((density(Some(0.1)) - 0.04).abs() < 1e-15);
         let of_cells = EstimatedErrors { density_shown: None, ..estimated };
-        assert_eq!(of_cells.beside_mean(Some(0.1)), of_cells);
+        assert_eq!(of_cells.limit_by_particle_mean(Some(0.1)), of_cells);
     }
 
     /// Means and parts count only where paths are far more accurate than `f`.

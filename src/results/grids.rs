@@ -27,7 +27,7 @@ use ndarray::ArrayView2;
 use std::path::Path;
 
 /// The file with points, cells and values.
-const HEAVY: &str = "grids.h5";
+const DATA_FILE: &str = "grids.h5";
 /// Names of the grids in up to three dimensions: the planes, then space.
 const GRIDS: [&str; 4] = ["plane_x", "plane_y", "plane_z", "space"];
 /// Bytes that the virtual datasets of a time take at most.
@@ -40,7 +40,7 @@ const TIMES_AT_ONCE: usize = 32;
 
 /// Names of all files that any run may write here.
 fn names() -> impl Iterator<Item = String> {
-    std::iter::once(HEAVY.to_owned()).chain(GRIDS.iter().map(|grid| format!("{grid}.xdmf")))
+    std::iter::once(DATA_FILE.to_owned()).chain(GRIDS.iter().map(|grid| format!("{grid}.xdmf")))
 }
 
 /// Names of all files that any run may write here, and whether a run of `case` writes them.
@@ -81,8 +81,8 @@ pub fn write(directory: &Path, steps: &[GridsAtTime]) -> Result<()> {
     if steps.is_empty() {
         return Ok(());
     }
-    let path = directory.join(HEAVY);
-    disk::put_in_place(&path, |partial| heavy(partial, &directory.join(RESULT), steps))?;
+    let path = directory.join(DATA_FILE);
+    disk::put_in_place(&path, |partial| write_data_file(partial, &directory.join(RESULT), steps))?;
     for name in GRIDS {
         let times = times(steps, name);
         if !times.is_empty() {
@@ -102,7 +102,7 @@ fn times<'a>(steps: &'a [GridsAtTime], name: &str) -> Vec<(f64, &'a Grid)> {
 }
 
 /// Writes points, cells and values into the file `path`.
-fn heavy(path: &Path, result: &Path, steps: &[GridsAtTime]) -> hdf5::Result<()> {
+fn write_data_file(path: &Path, result: &Path, steps: &[GridsAtTime]) -> hdf5::Result<()> {
     let result = File::open(result)?;
     File::create(path)?.close()?;
     for name in GRIDS {
@@ -257,7 +257,7 @@ fn grid_text(k: usize, time: f64, grid: &Grid) -> String {
     let name = &grid.name;
     let (cells, corners) = (grid.cell_count(), grid.corners());
     let kind = if corners == 8 { "Hexahedron" } else { "Quadrilateral" };
-    let place = |of: &str| format!("{HEAVY}:/{name}/{of}");
+    let place = |of: &str| format!("{DATA_FILE}:/{name}/{of}");
     let mut text = format!(
         "<Grid Name=\"{name}\" GridType=\"Uniform\">\n\
          <Time Value=\"{time}\"/>\n\

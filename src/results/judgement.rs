@@ -3,8 +3,7 @@
 
 use crate::problem::case::{Case, Data, Integrator, Method};
 use crate::results::accuracy::{
-    Accuracy, EstimatedErrors, GridErrorPair, PARTS_OF_SPACE, STAIRCASE, density_power,
-    hides_staircase, is_large,
+    Accuracy, EstimatedErrors, GridErrorPair, PARTS_OF_SPACE, STAIRCASE, hides_staircase, is_large,
 };
 use crate::results::summary::Summary;
 use crate::results::verdict::{FAR_ABOVE, MissedGoals, Verdict};
@@ -64,8 +63,7 @@ impl Summary {
             inherited: self.continued.as_ref().map_or(GridErrorPair::default(), |c| c.grid),
             ..Accuracy::default()
         };
-        let power = density_power(&case.space);
-        let estimated = estimated.with_particles(&accuracy.particles, power);
+        let estimated = estimated.with_particles(&accuracy.particles);
         self.accuracy = accuracy.with_grid(measured, estimated);
         self.missed = missed_goals(case, self);
         let rough = self.error_estimate.filter(|_| self.missed.tolerance.is_some());

@@ -43,7 +43,7 @@ pub struct Writer<'a> {
     storage: &'a Storage,
     file: SharedFile<'a>,
     /// The first failure of what rank 0 writes alone, until the next collective step reports it.
-    trouble: RefCell<Option<hdf5::Error>>,
+    first_rank_error: RefCell<Option<hdf5::Error>>,
     scales: RefCell<BTreeMap<&'static str, DimensionScale>>,
 }
 
@@ -77,7 +77,7 @@ impl<'a> Writer<'a> {
             path,
             storage,
             file,
-            trouble: RefCell::new(None),
+            first_rank_error: RefCell::new(None),
             scales: RefCell::default(),
         })
     }
@@ -95,7 +95,7 @@ impl<'a> Writer<'a> {
     /// Makes all ranks agree on the outcome of a step of all ranks, and of the steps that rank 0
     /// wrote alone.
     fn agree<T>(&self, outcome: hdf5::Result<T>) -> Result<T> {
-        self.world.agree_in_time(self.with_trouble(outcome))
+        self.world.agree_in_time(self.or_first_rank_error(outcome))
     }
 
     /// Writes metadata, by all ranks together, and agrees on the outcome. HDF5 writes what it holds
@@ -103,12 +103,12 @@ impl<'a> Writer<'a> {
     /// job ends.
     pub fn metadata<T>(&self, write: impl FnOnce() -> hdf5::Result<T>) -> Result<T> {
         let late = failure(self.path, &"could not be written on all ranks");
-        self.world.in_time(&late, || self.with_trouble(write()))
+        self.world.in_time(&late, || self.or_first_rank_error(write()))
     }
 
     /// The outcome of a step, or of the earlier one that rank 0 wrote alone, if that failed.
-    fn with_trouble<T>(&self, outcome: hdf5::Result<T>) -> Result<T> {
-        let outcome = self.trouble.take().map_or(outcome, Err);
+    fn or_first_rank_error<T>(&self, outcome: hdf5::Result<T>) -> Result<T> {
+        let outcome = self.first_rank_error.take().map_or(outcome, Err);
         outcome.map_err(|e| failure(self.path, &e))
     }
 
@@ -117,7 +117,7 @@ impl<'a> Writer<'a> {
         if self.world.is_first()
             && let Err(error) = write()
         {
-            self.trouble.borrow_mut().get_or_insert(error);
+            self.first_rank_error.borrow_mut().get_or_insert(error);
         }
     }
 

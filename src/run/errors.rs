@@ -37,7 +37,7 @@ const SUMS: usize = 1 + MAX_DIMENSION;
 /// Values of a function of space and the exact ones, at the points of a rank's share.
 type Pair<'a> = (&'a Vec<f64>, &'a Vec<f64>);
 
-/// The result on a rank's share of the user's grid, to be compared with the exact solution.
+/// The result on a rank's share of the user's grid.
 pub struct ResultOnShare<'a> {
     /// The group of all ranks.
     pub world: &'a Group,
@@ -51,8 +51,6 @@ pub struct ResultOnShare<'a> {
     pub field: &'a [f64],
     /// Its moments.
     pub moments: &'a Moments,
-    /// Whether this rank reports the progress of errors.
-    pub prints: bool,
 }
 
 /// Norms over space of the differences of `pairs`, summed over the pairs. Collective.
@@ -77,12 +75,13 @@ pub fn by_cells(result: &ResultOnShare<'_>, field: ErrorNorms, exact: &Moments) 
     GridErrors { field: Some(field), density, momentum: Some(momentum), exact_mass: None }
 }
 
-/// Errors of the field of a `result` of a degree above 0, as integrals over elements. Collective.
+/// Errors of the field of a `result` of a degree above 0, as integrals over elements. A rank that
+/// `prints` reports the progress. Collective.
 ///
 /// # Errors
 /// If `V` is not finite.
-pub fn by_elements(result: &ResultOnShare<'_>, exact: &Exact) -> Result<GridErrors> {
-    let ResultOnShare { world, case, share, field, prints, .. } = *result;
+pub fn by_elements(result: &ResultOnShare<'_>, exact: &Exact, prints: bool) -> Result<GridErrors> {
+    let ResultOnShare { world, case, share, field, .. } = *result;
     let values_of = ExactValues::new(world, case, exact)?;
     let mut sums = ElementSums::new(world, case, &values_of);
     let velocities: usize = case.space.v.iter().map(Axis::elements).product();

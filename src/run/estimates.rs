@@ -28,8 +28,8 @@ use crate::problem::potential::resolution::largest_differences_on_elements;
 use crate::propagate::limiter::half_difference;
 use crate::results::accuracy::{EstimatedErrors, GridErrorPair, smeared_density};
 use crate::results::summary::CANCELLED;
-use crate::run::ledger::arrivals::ComparedResult;
-use crate::scheme::interface::law_of;
+use crate::run::errors::ResultOnShare;
+use crate::run::norms::volumes_of;
 use crate::scheme::rows::Scheme;
 use crate::solve::prepared::Prepared;
 
@@ -59,6 +59,7 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
     // Memory that the solve freed goes back before the vectors of the estimate are allocated.
     memory::give_back();
     let with_elements = space.whole_degree() > 0;
+    let interpolates = space.v.iter().any(|axis| axis.nodes.degree == 0 && axis.cells > 2);
     let mut found = [0.0; 2];
     if !with_elements || space.axes().any(|axis| axis.nodes.degree == 0 && axis.cells > 1) {
         found = by_transport(prepared, f)?;
@@ -74,7 +75,6 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
     let known = |error: f64| Some(error).filter(|e| !e.is_nan()).map(|e| e.min(1.0));
     let [field, density] = found.map(known);
     let grid = GridErrorPair { field, density };
-    let interpolates = !with_elements && law_of(prepared.case.interface).may_grow();
     let interpolation = interpolates.then(|| interpolation_error(prepared, f));
     Ok(EstimatedErrors { grid, density_shown: known(density_shown), interpolation })
 }
@@ -82,22 +82,20 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
 /// About the part of the kinetic energy by which the paths of `result` are off, as elements take
 /// `V` as a polynomial: a kink within an element is rounded, and a steep slope smoothed. It is
 /// summed over the axes, each with the mean energy of the motion along it at the end. Collective.
-pub fn of_the_potential(world: &Group, result: &ComparedResult<'_>) -> f64 {
+pub fn of_the_potential(result: &ResultOnShare<'_>) -> f64 {
+    let ResultOnShare { world, volumes, .. } = *result;
     let space = &result.case.space;
     let differences = largest_differences_on_elements(result.case);
     if differences.iter().all(|difference| *difference == 0.0) {
         return 0.0;
     }
-    let volumes = CellVolumes::new(space, result.share);
     let centres: Vec<Vec<f64>> = space.v.iter().map(Axis::centres).collect();
-    let velocities: usize = centres.iter().map(Vec::len).product();
     let parts = space.v.iter().zip(&centres).zip(differences).enumerate();
     let parts = parts.filter(|(_, (_, difference))| *difference > 0.0);
     let part = |(a, ((axis, centres), difference)): (usize, ((&Axis, &Vec<f64>), f64))| {
-        // The last axis is the fastest.
-        let stride: usize = space.v[a + 1..].iter().map(|axis| axis.cells).product();
+        let stride = space.stride(space.dimension() + a);
         let [energy, all] = volumes.sums(world, |i| {
-            let v = centres[i % velocities / stride % axis.cells];
+            let v = centres[i / stride % axis.cells];
             let f = result.field[i].abs();
             [0.5 * v * v * f, f]
         });
@@ -112,33 +110,32 @@ pub fn of_the_potential(world: &Group, result: &ComparedResult<'_>) -> f64 {
 }
 
 /// Whether the density of `result` is round-off, as of an `f` that is odd in `v`. Collective.
-pub fn density_cancels(world: &Group, result: &ComparedResult<'_>) -> bool {
+pub fn density_cancels(result: &ResultOnShare<'_>) -> bool {
     let space = &result.case.space;
-    let volumes = CellVolumes::new(space, result.share);
     let velocities = space.velocity_cells();
     let box_of_velocities: f64 = space.v.iter().map(|axis| axis.upper - axis.lower).product();
-    let [density, field] = volumes.integrals(world, |c| {
+    let [density, field] = result.volumes.integrals(result.world, |c| {
         let values = &result.field[c * velocities..][..velocities];
         let mean = values.iter().map(|f| f.abs()).sum::<f64>() / velocities as f64;
-        [result.density[c].abs(), mean * box_of_velocities]
+        [result.moments.density[c].abs(), mean * box_of_velocities]
     });
     density <= CANCELLED * field
 }
 
 /// A bound on the relative L2 error of linear interpolation of `f` between the velocities, by its
-/// second differences: `‖δ² f‖/8 / ‖f‖`, summed over the velocity axes. Data that are constant or
-/// linear in `v` have none, so that the law at jumps is exact for them. Collective.
+/// second differences: `‖δ² f‖/8 / ‖f‖`, summed over the velocity axes of degree 0. Data that are
+/// constant or linear in `v` have none, so that the law at jumps is exact for them. Laws that
+/// distribute `f` among cells by overlap have the same bound: a shift by `θ` cells adds
+/// `θ (1 − θ)/2 δ² f`. Collective.
 fn interpolation_error(prepared: &Prepared, f: &[f64]) -> f64 {
     let (world, space) = (&prepared.communicator.world, &prepared.case.space);
-    let volumes = CellVolumes::new(space, &prepared.rank_cells.share);
-    let velocities: usize = space.v.iter().map(|axis| axis.cells).product();
-    // The last axis is the fastest.
-    let strides = (0..space.v.len()).map(|a| space.v[a + 1..].iter().map(|axis| axis.cells));
-    let strides: Vec<usize> = strides.map(Iterator::product).collect();
+    let volumes = volumes_of(prepared);
+    let n = space.dimension();
+    let strides: Vec<usize> = (n..2 * n).map(|axis| space.stride(axis)).collect();
     let [errors, squares] = volumes.sums(world, |i| {
         let along = space.v.iter().zip(&strides).map(|(axis, stride)| {
-            let j = i % velocities / stride % axis.cells;
-            if j == 0 || j + 1 == axis.cells {
+            let j = i / stride % axis.cells;
+            if j == 0 || j + 1 == axis.cells || axis.nodes.degree > 0 {
                 return 0.0;
             }
             (f[i - stride] - 2.0 * f[i] + f[i + stride]).abs() / 8.0

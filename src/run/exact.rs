@@ -18,7 +18,7 @@ use crate::results::dataset::ExactSolution;
 use crate::run::exact::sheets::exact_moments;
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::VelocityIntegrals;
-use crate::run::exact::velocities::limits::most_at;
+use crate::run::exact::velocities::limits::max_points_per_integral;
 use crate::solve::rank_cells::RankCells;
 use std::ops::Range;
 use std::time::{Duration, Instant};
@@ -134,7 +134,7 @@ impl ExactTask<'_> {
         watch: &mut ExactWatch,
     ) -> Result<AtTime> {
         /// Cells of space between which the progress is reported.
-        const TOGETHER: usize = 64;
+        const POINTS_IN_ALL: usize = 64;
         let Self { world, case, rank_cells, .. } = *self;
         let space = &case.space;
         let values = match values_of {
@@ -168,7 +168,7 @@ impl ExactTask<'_> {
             None => {
                 let mut found = Vec::new();
                 let cells: Vec<_> = box_cells(&rank_cells.share).collect();
-                for cells in cells.chunks(TOGETHER) {
+                for cells in cells.chunks(POINTS_IN_ALL) {
                     if self.in_time().is_err() {
                         break;
                     }
@@ -199,7 +199,7 @@ struct ExactWork {
 impl ExactWork {
     fn of(case: &Case, rank_cells: &RankCells) -> Self {
         let places = rank_cells.share.iter().map(Range::len).product();
-        let integral = most_at(case, case.space.space_cells() as f64) as usize;
+        let integral = max_points_per_integral(case, case.space.space_cells() as f64) as usize;
         Self { values: rank_cells.part().cells.len(), places, integral }
     }
 

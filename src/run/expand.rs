@@ -76,9 +76,8 @@ pub(crate) fn expand(
         volumes: &volumes,
         field: &fields[0],
         moments: &moments,
-        prints,
     };
-    result.set_errors(exact, summary)?;
+    result.set_errors(exact, summary, prints)?;
     if case.accuracy.is_some() {
         summary.accuracy.goal_error = summary.error_density_l1_relative;
     }
@@ -91,7 +90,7 @@ impl ResultOnShare<'_> {
     ///
     /// # Errors
     /// If `V` is not finite.
-    fn set_errors(&self, exact: &ExactRun, summary: &mut Summary) -> Result<()> {
+    fn set_errors(&self, exact: &ExactRun, summary: &mut Summary, prints: bool) -> Result<()> {
         let (Some(solution), Some(moments)) = (&exact.exact, exact.moments.last()) else {
             return Ok(());
         };
@@ -104,7 +103,7 @@ impl ResultOnShare<'_> {
             ExactSolution::Field(values) => values,
         };
         let errors = match (&case.exact, case.space.whole_degree()) {
-            (Some(kind), 1..) => errors::by_elements(self, kind)?,
+            (Some(kind), 1..) => errors::by_elements(self, kind, prints)?,
             _ => {
                 let field = FieldNorms { world, volumes, f: self.field }.errors(values);
                 errors::by_cells(self, field, moments)

@@ -1,9 +1,10 @@
 //! Moments and fields at the output times before the end, from what either method finds there.
 
-use crate::matrix::observables::{CellVolumes, MOMENTS, Moments, VelocityFactors, moments};
+use crate::matrix::observables::{MOMENTS, Moments, VelocityFactors, moments};
 use crate::problem::legs::Leg;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, slices};
+use crate::run::norms::volumes_of;
 use crate::solve::field_readings::FieldHistory;
 use crate::solve::prepared::Prepared;
 
@@ -11,7 +12,7 @@ use crate::solve::prepared::Prepared;
 /// there. Collective.
 pub(super) fn history(prepared: &Prepared, mut recovered: Vec<FieldHistory>) -> Vec<EarlyResult> {
     let case = &prepared.case;
-    let volumes = CellVolumes::new(&case.space, &prepared.rank_cells.share);
+    let volumes = volumes_of(prepared);
     let potential = nodal_values(case, &prepared.rank_cells.share);
     let legs = Leg::all(case);
     let at_time = |t: usize| {

@@ -2,16 +2,11 @@
 //!
 //! The outflow through each end of the box cannot be measured: the modes give `f` at output times
 //! only, not its time integral at an end. It is estimated by particles of the exact flow
-//! ([`tracking`]), drawn from the case's formulas ([`draw`]). The total, `initial + entered − end`,
-//! is measured.
+//! ([`particles`](crate::run::particles)), drawn from the case's formulas. The total, `initial +
+//! entered − end`, is measured.
 //!
 //! Each rank follows whole replicates, and sums over them are exact, so that the bits do not depend
 //! on the number of ranks.
-
-pub mod arrivals;
-pub mod draw;
-pub mod space_parts;
-pub mod tracking;
 
 use crate::base::error::Result;
 use crate::base::quadrature::gauss_legendre;
@@ -24,14 +19,14 @@ use crate::problem::grid::{AxisEnd, PhaseSpace, axis_names, coordinate};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::propagate::inflow_panels::{InflowPanels, MOST, NODES};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
-use crate::run::ledger::arrivals::Arrivals;
-use crate::run::ledger::draw::{
+use crate::run::norms::volumes_of;
+use crate::run::particles::arrivals::Arrivals;
+use crate::run::particles::draw::{
     ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
 };
-use crate::run::ledger::tracking::{NUMBERS, ParticleTally, ParticleTracker};
-use crate::run::norms::volumes_of;
-use crate::scheme::interface::energy::allows_elements;
+use crate::run::particles::tracking::{NUMBERS, ParticleTally, ParticleTracker};
 use crate::scheme::interface::law_of;
+use crate::scheme::interface::rest_face::allows_elements;
 use crate::solve::prepared::Prepared;
 
 /// Points of a source for each cell.

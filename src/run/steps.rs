@@ -3,7 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::lock::DirectoryLock;
 use crate::matrix::observables::{CellVolumes, Moments, Totals};
-use crate::parallel::communicator::{Group, World};
+use crate::parallel::communicator::World;
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Exact};
@@ -17,16 +17,18 @@ use crate::results::summary::Summary;
 use crate::results::{self, warped};
 use crate::run::at_start::at_start;
 use crate::run::checkpointing::Checkpointing;
+use crate::run::errors::ResultOnShare;
 use crate::run::exact::{ExactRun, ExactTask};
 use crate::run::expand::ExpandedResults;
 use crate::run::files::{SolveOutput, WarpedOutput};
 use crate::run::ledger::LedgerBeforeRun;
-use crate::run::ledger::arrivals::{Arrivals, ComparedResult};
 use crate::run::log::RunLog;
 use crate::run::options::Output;
+use crate::run::particles::arrivals::Arrivals;
+use crate::run::particles::random_paths;
 use crate::run::solution::Solution;
 use crate::run::solved::SolvedFields;
-use crate::run::{compare, estimates, expand, fields, ledger, random_paths, readout, warnings};
+use crate::run::{compare, estimates, expand, fields, ledger, readout, warnings};
 use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
@@ -259,30 +261,32 @@ impl<'a> Driver<'a> {
     }
 
     /// Puts the errors of `result` that particles show into the summary, and that of the exact
-    /// density with which it was compared. Collective.
+    /// density with which it was compared. Returns the transmissions of an arrived particle at
+    /// jumps of `V`, if any are known. Collective.
     fn compare_with_particles(
         &mut self,
-        world: &Group,
         arrivals: &Arrivals,
-        result: &ComparedResult<'_>,
+        result: &ResultOnShare<'_>,
         exact: &ExactRun,
-    ) {
+    ) -> Option<f64> {
         let case = result.case;
         let mut by_paths = ParticleErrors::default();
         if self.output.is_some() && case.reflects() && case.follows_from_formulas() {
             // Where V is not finite on other cells, they are not known.
-            by_paths = random_paths::errors(world, result).unwrap_or_default();
+            by_paths = random_paths::errors(result).unwrap_or_default();
         }
         self.summary.accuracy.particles = by_paths;
-        let Some(arrivals) = arrivals.gathered(world) else { return };
+        let arrivals = arrivals.gathered(result.world)?;
+        let transmissions = arrivals.transmissions();
         // Where V is not finite on other cells, that error is not known.
         let traced = arrivals.tracing_error(case).unwrap_or(None);
-        let particles = arrivals.errors(world, result).beyond_tracing(traced.unwrap_or(0.0));
+        let particles = arrivals.errors(result).beyond_tracing(traced.unwrap_or(0.0));
         let of_density = particles.density.filter(|_| case.reflects());
         self.summary.accuracy.particles = ParticleErrors {
             // In L1 the error of `f` is no smaller than that of the density.
             field: particles.field.or(by_paths.field).or(of_density),
             field_mean: particles.field_mean.or(by_paths.field_mean),
+            density_smeared: particles.density_smeared.or(by_paths.density_smeared),
             ..particles
         };
         let is_traced = case.traces_exact() && self.summary.error_l2_relative.is_some();
@@ -290,12 +294,14 @@ impl<'a> Driver<'a> {
         self.summary.exact_field_error =
             of_exact.map(|traced| arrivals.error_of_exact(case, traced));
         // Measure-valued data, and densities that cancel, have no such error.
-        let Some(known) = self.summary.exact_density_error else { return };
+        let Some(known) = self.summary.exact_density_error else {
+            return Some(transmissions);
+        };
         let space = &case.space;
         let shown = match exact.moments.last() {
             // In one dimension, the exact density of degree 0 is an average over each cell.
             Some(moments) if space.dimension() == 1 && space.whole_degree() == 0 => {
-                arrivals.density_errors(world, result, &moments.density).least
+                arrivals.density_errors(result, &moments.density).least
             }
             // Otherwise its mass is known up to the error of a rule.
             _ => self
@@ -305,6 +311,35 @@ impl<'a> Driver<'a> {
                 .filter(|error| is_large(*error)),
         };
         self.summary.exact_density_error = Some(shown.map_or(known, |shown| known.max(shown)));
+        Some(transmissions)
+    }
+
+    /// The `estimated` errors with what particles, the interface law and the elements' `V` say of
+    /// them. Particles were transmitted at jumps of `V` so many times; once if that is not known
+    /// and there are jumps. Collective.
+    fn corrected(
+        &self,
+        estimated: EstimatedErrors,
+        result: &ResultOnShare<'_>,
+        transmissions: Option<f64>,
+    ) -> EstimatedErrors {
+        let ledger = self.summary.ledger.as_ref();
+        let by_interface = ledger.and_then(|of| of.interface_share(estimated.interpolation));
+        let has_jumps = ledger.is_some_and(|of| !of.jumps.is_empty());
+        let transmissions = transmissions.unwrap_or(f64::from(u8::from(has_jumps)));
+        let particles = self.summary.accuracy.particles;
+        let mut corrected = estimated
+            .limit_by_particle_mean(particles.field_mean)
+            .raise_to_interface_share(by_interface.unwrap_or(0.0))
+            .raise_to_transmissions(transmissions);
+        if estimates::density_cancels(result) {
+            corrected = corrected.without_density();
+        }
+        let by_potential = match self.output {
+            Some(_) => estimates::of_the_potential(result),
+            None => 0.0,
+        };
+        corrected.raise_density_to_potential_share(by_potential, &particles)
     }
 
     /// Step 10: completes the summary. Collective.
@@ -321,13 +356,15 @@ impl<'a> Driver<'a> {
         ledger.close(start.totals, results.totals, start.entered);
         self.log.warn_later(ledger.warnings());
         self.summary.ledger = Some(ledger);
-        let result = ComparedResult {
+        let result = ResultOnShare {
+            world,
             case: &case,
             share: &rank_cells.share,
+            volumes: &volumes,
             field: &results.fields[0],
-            density: &results.moments.density,
+            moments: &results.moments,
         };
-        self.compare_with_particles(world, &start.arrivals, &result, &exact);
+        let transmissions = self.compare_with_particles(&start.arrivals, &result, &exact);
         self.log.warn_later(self.summary.exact_field_warning());
         let by_formula = matches!(case.exact, Some(Exact::Formula(_)));
         self.log.warn_later(self.summary.exact_density_warning(by_formula));
@@ -339,19 +376,7 @@ impl<'a> Driver<'a> {
             self.log.watch.lap("readout");
         }
         self.summary.fill(&prepared, &self.log);
-        let interpolation = compared.estimated.interpolation;
-        let share = |ledger: &Ledger| ledger.interface_share(interpolation);
-        let by_interface = self.summary.ledger.as_ref().and_then(share);
-        let particles = self.summary.accuracy.particles;
-        let estimated = compared.estimated.beside_mean(particles.field_mean);
-        let estimated = estimated.at_least(by_interface.unwrap_or(0.0));
-        let cancels = estimates::density_cancels(world, &result);
-        let estimated = if cancels { estimated.without_density() } else { estimated };
-        let by_potential = match self.output {
-            Some(_) => estimates::of_the_potential(world, &result),
-            None => 0.0,
-        };
-        let estimated = estimated.density_at_least(by_potential, &particles);
+        let estimated = self.corrected(compared.estimated, &result, transmissions);
         self.summary.judge(&prepared.case, estimated);
         Solution {
             case,

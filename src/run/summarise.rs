@@ -3,7 +3,7 @@
 use crate::base::memory;
 use crate::base::stopwatch::Stopwatch;
 use crate::base::version::GIT;
-use crate::matrix::kernel::InstructionSet;
+use crate::matrix::instruction_set::InstructionSet;
 use crate::parallel::communicator::Group;
 use crate::results::summary::Summary;
 use crate::run::log::RunLog;

@@ -8,7 +8,7 @@ use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::ObliqueEdge;
 use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
-use crate::scheme::interface::energy::{WITH_REST_ON_A_FACE, allows_elements};
+use crate::scheme::interface::rest_face::{WITH_REST_ON_A_FACE, allows_elements};
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
 const BEYOND: f64 = 0.1;

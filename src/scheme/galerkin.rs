@@ -243,7 +243,7 @@ impl LineTerms<'_> {
             let mut point = self.space.point_in_element(cell);
             point[a] = line.entry_end();
             self.couple(row, cell, [a, cell[a]], -rate);
-            row.draw += rate;
+            row.inflow_rate += rate;
             row.damping += rate;
             return row.enter(self.entering, rate, point);
         };
@@ -272,7 +272,7 @@ impl LineTerms<'_> {
         }
         let (x, v) = (&self.space.x[a], &self.space.v[a]);
         for &(beyond, weight) in &trace.beyond {
-            row.draw += rate * weight;
+            row.inflow_rate += rate * weight;
             if v.leaves_out(v.position(beyond).floor() as i64) {
                 continue;
             }
@@ -351,7 +351,7 @@ impl LineTerms<'_> {
             add(row, own, entry, -inner);
         } else {
             add(row, own, entry, -rate);
-            row.draw += rate;
+            row.inflow_rate += rate;
             if !v.leaves_out(against) {
                 let mut point = self.space.point_in_element(cell);
                 point[3 + a] = line.entry_end();

@@ -7,8 +7,9 @@ pub mod conservative;
 pub mod energy;
 pub mod hat;
 pub mod law;
+pub mod rest_face;
 
-pub use crate::scheme::interface::law::{FluxSource, InterfaceLaw, Side, velocity};
+pub use crate::scheme::interface::law::{FluxSource, InterfaceLaw, SourceSide, velocity};
 
 use crate::problem::case::Interface;
 use crate::problem::grid::Axis;
@@ -27,7 +28,7 @@ pub fn law_of(interface: Interface) -> &'static dyn InterfaceLaw {
 pub fn sources(out: &mut Vec<FluxSource>, axis: &Axis, interface: Interface, j: i64, rise: f64) {
     out.clear();
     if rise == 0.0 {
-        out.push(FluxSource { side: Side::Across, velocity: j, weight: 1.0 });
+        out.push(FluxSource { side: SourceSide::Across, velocity: j, weight: 1.0 });
     } else {
         law_of(interface).sources(out, axis, j, rise);
     }
@@ -95,9 +96,9 @@ mod tests {
                     for j in -300..300i64 {
                         let target = velocity(&axis, j);
                         let (r, side) = if target > 0.0 {
-                            (rise, Side::Across)
+                            (rise, SourceSide::Across)
                         } else if target < 0.0 {
-                            (-rise, Side::Same)
+                            (-rise, SourceSide::Same)
                         } else {
                             continue;
                         };

@@ -11,10 +11,11 @@ pub struct Row {
     /// `b_i` of each field at the start: the inflow through the boundary.
     pub inflow: [f64; MOST_FIELDS],
     /// The rate at which the row draws on the inflow, `≥ 0`; with open ends `−Σ_j A_ij`.
-    pub draw: f64,
+    pub inflow_rate: f64,
     /// The sources of the inflow.
     pub sources: Vec<InflowSource>,
-    /// `g_i ≥ 0`: the row's inflow adds `−½ g_i x_i²` to `xᵀSx`. For degree 0 it equals `draw`.
+    /// `g_i ≥ 0`: the row's inflow adds `−½ g_i x_i²` to `xᵀSx`. For degree 0 it equals
+    /// `inflow_rate`.
     pub damping: f64,
     /// First place where an inflow formula was not finite.
     pub(super) bad: Option<UndefinedInflow>,
@@ -53,7 +54,7 @@ impl Row {
     pub(crate) fn clear(&mut self) {
         self.entries.clear();
         self.inflow = [0.0; MOST_FIELDS];
-        self.draw = 0.0;
+        self.inflow_rate = 0.0;
         self.damping = 0.0;
         self.sources.clear();
     }

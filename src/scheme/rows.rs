@@ -20,7 +20,7 @@ use crate::problem::case::{Case, LiouvilleField};
 use crate::problem::grid::{Cell, PhaseSpace, describe_point};
 use crate::problem::potential::Potential;
 use crate::scheme::galerkin::{Elements, LineTerms};
-use crate::scheme::interface::{Side, sources, velocity};
+use crate::scheme::interface::{SourceSide, sources, velocity};
 pub use crate::scheme::row::Row;
 use crate::scheme::row::{InflowTerm, UndefinedInflow};
 use std::ops::Range;
@@ -188,8 +188,8 @@ impl<'a> Scheme<'a> {
         sources(&mut list, v, self.case.interface, j, rise);
         for source in &list {
             let i = match source.side {
-                Side::Across => cell[a] as i64 + step,
-                Side::Same => cell[a] as i64,
+                SourceSide::Across => cell[a] as i64 + step,
+                SourceSide::Same => cell[a] as i64,
             };
             self.take(row, cell, a, [i, source.velocity], rate * source.weight);
         }
@@ -209,7 +209,7 @@ impl<'a> Scheme<'a> {
             row.entries.push((self.space.index(&source), rate));
             return;
         }
-        row.draw += rate;
+        row.inflow_rate += rate;
         row.damping += rate;
         // A cell that was left out has the value zero.
         if inside.is_some() && v.leaves_out(j) {
@@ -226,7 +226,7 @@ impl<'a> Scheme<'a> {
     pub fn inflow_strength(&self, row: &Row) -> f64 {
         if self.elements.is_none() {
             let b: f64 = row.inflow.iter().sum();
-            return if b == 0.0 { 0.0 } else { b * b / row.draw };
+            return if b == 0.0 { 0.0 } else { b * b / row.inflow_rate };
         }
         let square = |point: &[f64; 6]| {
             let values =

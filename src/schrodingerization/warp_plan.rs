@@ -10,7 +10,7 @@ use crate::problem::legs::Leg;
 use crate::propagate::commutator_free::stage_degree;
 use crate::propagate::method::BatchCoupling;
 use crate::propagate::{self, PropagationSpan, descriptor};
-use crate::schrodingerization::placement::plan_placement;
+use crate::schrodingerization::placement::{Placement, plan_placement};
 use crate::schrodingerization::profile::series::{Series, points};
 use crate::schrodingerization::profile::{EstimatorQuality, Profile, ProfileForm};
 use crate::schrodingerization::recovery::Reading;
@@ -118,19 +118,8 @@ impl WarpPlan {
         let placement = plan_placement(case, bounds, ratio)?;
         let (series, reading) = (&placement.series, &placement.readings[0]);
         let modes = PropagatedModes::of(&case.reductions, series);
-        let of_modes = case.tolerance / ratio;
-        let mode_tolerances: Vec<f64> = match placement.profile {
-            // A mode and its conjugate share the allowed error, so that the tolerance of a mode
-            // does not depend on whether its conjugate is propagated.
-            Some(_) => {
-                let own = PropagatedModes { count: series.modes(), series };
-                let share = |l| own.weight(modes.source(l).number, reading).norm();
-                (0..modes.count)
-                    .map(|l| mode_tolerance(of_modes, series.modes(), share(l)))
-                    .collect()
-            }
-            None => vec![case.tolerance; modes.count],
-        };
+        let tolerance = |l| placement.mode_tolerance(case, ratio, modes.source(l).number);
+        let mode_tolerances: Vec<f64> = (0..modes.count).map(tolerance).collect();
         let PlannedLegs { legs, work: leg_work } =
             PlannedLegs::cheapest(case, bounds, &modes, &mode_tolerances);
         let work: Vec<usize> =
@@ -188,7 +177,7 @@ impl WarpPlan {
             points: None,
             plateau: Vec::new(),
             estimator_quality: EstimatorQuality::UNKNOWN,
-            legs: vec![Leg::new(case.end, false)],
+            legs: vec![Leg::new(case.duration(), false)],
             leg_work: vec![work.clone()],
             mode_tolerances: vec![tolerance; modes.count],
             applications: case.fields.len() * work.iter().sum::<usize>(),
@@ -224,10 +213,10 @@ impl WarpPlan {
         let stride = count.div_ceil(SAMPLE);
         let (mut sum, mut sampled) = (0.0, 0);
         for l in (stride / 2..count).step_by(stride) {
-            let weight = modes.weight(l, &placement.readings[0]).norm();
+            let number = modes.source(l).number;
             let span = PropagationSpan {
                 time: case.duration() / stages as f64,
-                tolerance: mode_tolerance(case.tolerance / ratio, count, weight),
+                tolerance: placement.mode_tolerance(case, ratio, number),
             };
             let mu = modes.wavenumber(l);
             let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
@@ -381,9 +370,17 @@ fn total_work(
     work.iter().enumerate().map(of_mode).sum()
 }
 
-/// A mode's share of a tenth of the state's tolerance.
-fn mode_tolerance(state_tolerance: f64, modes: usize, weight: f64) -> f64 {
-    (state_tolerance / (10.0 * modes as f64 * weight)).min(1.0)
+impl Placement {
+    /// The relative error that a mode of the series is allowed: its share of a tenth of the state's
+    /// tolerance. It does not depend on whether the conjugate is propagated, too.
+    fn mode_tolerance(&self, case: &Case, ratio: f64, number: usize) -> f64 {
+        if self.profile.is_none() {
+            return case.tolerance;
+        }
+        let own = PropagatedModes { count: self.series.modes(), series: &self.series };
+        let weight = own.weight(number, &self.readings[0]).norm();
+        (case.tolerance / ratio / (10.0 * own.count as f64 * weight)).min(1.0)
+    }
 }
 
 /// The mode of a series that gives a propagated one.

@@ -227,7 +227,7 @@ impl StagedModes<'_, '_, '_, '_, '_> {
         let Self { task, before, statistics, mut recovered, .. } = self;
         let world = &task.communicator.world;
         // A rank without batches has neither defect nor norm.
-        let smallest = -world.max(-statistics.kept.unwrap_or(f64::INFINITY));
+        let smallest = -world.max(-statistics.least_norm_ratio.unwrap_or(f64::INFINITY));
         let largest = world.max(statistics.defect.unwrap_or(-1.0));
         recovered.unitarity_defect = Some(largest).filter(|d| *d >= 0.0);
         recovered.norm_kept = Some(smallest).filter(|r| r.is_finite());

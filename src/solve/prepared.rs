@@ -4,7 +4,7 @@ use crate::base::error::{Error, Result};
 use crate::base::memory;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::{AssembledSize, Bounds};
-use crate::matrix::kernel::InstructionSet;
+use crate::matrix::instruction_set::InstructionSet;
 use crate::matrix::lanes::Lanes;
 use crate::parallel::communicator::{Communicator, GhostExchange, Group, World};
 use crate::plan::layout::Resources;

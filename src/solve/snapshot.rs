@@ -2,7 +2,7 @@
 
 use crate::base::checksum;
 use crate::base::version::VERSION;
-use crate::matrix::kernel::InstructionSet;
+use crate::matrix::instruction_set::InstructionSet;
 use crate::problem::case::Case;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use crate::solve::rank_modes::ModeProgress;

@@ -10,7 +10,8 @@ pub struct BatchStatistics {
     /// preserve norms.
     pub defect: Option<f64>,
     /// Smallest `‖w_l(T)‖/‖w_l(0)‖`; `None` if all states were zero.
-    pub kept: Option<f64>,
+    #[serde(rename = "kept")]
+    pub least_norm_ratio: Option<f64>,
     /// Number of applications of the matrix.
     pub applications: usize,
     /// Number of linear systems solved.
@@ -26,14 +27,15 @@ impl BatchStatistics {
 
     /// Adds the statistics of another group.
     pub fn add(&mut self, other: &Self) {
-        self.norms(other.kept, other.defect);
+        self.norms(other.least_norm_ratio, other.defect);
         self.applications += other.applications;
         self.solves += other.solves;
     }
 
     /// Adds the smallest ratio of norms and the largest defect of a batch.
-    pub(crate) fn norms(&mut self, kept: Option<f64>, defect: Option<f64>) {
-        self.kept = self.kept.into_iter().chain(kept).reduce(f64::min);
+    pub(crate) fn norms(&mut self, least_norm_ratio: Option<f64>, defect: Option<f64>) {
+        self.least_norm_ratio =
+            self.least_norm_ratio.into_iter().chain(least_norm_ratio).reduce(f64::min);
         self.defect = self.defect.into_iter().chain(defect).reduce(f64::max);
     }
 }

@@ -1,6 +1,7 @@
 //! The discrete problem on a rank: matrix, weights, initial state.
 
 use crate::base::error::{Error, Result};
+use crate::base::fixed_point::larger;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::bounds::{Bounds, WEIGHT_GROWTH, WEIGHT_SHIFT};
 use crate::matrix::sampling::{SampledCells, sample};
@@ -277,7 +278,7 @@ impl DiscreteSystem {
 
     /// Root of the sum of `square(i)` over the rows `i` of all ranks of the space group.
     fn root_of_sum(&self, communicator: &Communicator, square: impl Fn(usize) -> f64) -> f64 {
-        let largest = (0..self.matrix.counted_rows()).map(&square).fold(0.0, f64::max);
+        let largest = (0..self.matrix.counted_rows()).map(&square).fold(0.0, larger);
         let group = &communicator.space;
         let bound = group.max(largest) * self.matrix.block.velocity_cells as f64;
         if !bound.is_finite() {

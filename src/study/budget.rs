@@ -210,16 +210,16 @@ impl Budget {
         self.decide(self.elapsed() < part * self.limit)
     }
 
-    /// Counts from zero, apart from what was counted so far, until [`count_again`] gets the number
+    /// Counts from zero, apart from what was counted so far, until [`resume_count`] gets the number
     /// that this returns.
     ///
-    /// [`count_again`]: Self::count_again
-    pub fn aside(&mut self) -> f64 {
+    /// [`resume_count`]: Self::resume_count
+    pub fn pause_count(&mut self) -> f64 {
         std::mem::take(&mut self.counted)
     }
 
-    /// Goes on from the `counted` updates that [`aside`](Self::aside) returned.
-    pub fn count_again(&mut self, counted: f64) {
+    /// Goes on from the `counted` updates that [`pause_count`](Self::pause_count) returned.
+    pub fn resume_count(&mut self, counted: f64) {
         self.counted = counted;
     }
 

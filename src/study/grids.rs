@@ -160,7 +160,7 @@ pub struct Grids {
     /// `None` if there are too many, as with a curved edge. Along v it is `v = 0` if [`check_axis`]
     /// requires a face there, and `None` otherwise.
     ///
-    /// [`check_axis`]: crate::scheme::interface::energy::check_axis
+    /// [`check_axis`]: crate::scheme::interface::rest_face::check_axis
     edges: Vec<Option<Vec<f64>>>,
     /// The fewest elements along each axis that have faces at all its edges, as their multiples
     /// have. `None` if that would be too many.

@@ -158,7 +158,7 @@ pub struct System {
     /// `b`.
     pub inflow: Vec<f64>,
     /// For each row, the rate at which the value of the inflow enters.
-    pub draw: Vec<f64>,
+    pub inflow_rate: Vec<f64>,
     /// `g_i`: the inflow of the row adds `−½ g_i x_i²` to `xᵀSx`; equal to `draw` for degree 0.
     pub damping: Vec<f64>,
     /// `Σ rate b²` over all that enters a row; `b²/g` for degree 0.
@@ -171,7 +171,7 @@ impl System {
         Self {
             generator: Dense::zero(size),
             inflow: zeros(),
-            draw: zeros(),
+            inflow_rate: zeros(),
             damping: zeros(),
             strength: zeros(),
         }
@@ -188,13 +188,13 @@ impl System {
                 system.generator.add(i, j, value);
             }
             system.inflow[i] = row.inflow[0];
-            system.draw[i] = row.draw;
+            system.inflow_rate[i] = row.inflow_rate;
             system.damping[i] = row.damping;
             let entering = case.fields[0].entering();
             let square = |point: &[f64; 6]| entering.at_point(point, 0.0).powi(2);
             system.strength[i] = match case.space.degree() {
-                0 if row.draw == 0.0 => 0.0,
-                0 => row.inflow[0].powi(2) / row.draw,
+                0 if row.inflow_rate == 0.0 => 0.0,
+                0 => row.inflow[0].powi(2) / row.inflow_rate,
                 _ => row.sources.iter().map(|source| source.rate * square(&source.point)).sum(),
             };
         }

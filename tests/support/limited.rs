@@ -3,7 +3,7 @@
 
 use phasewarp::problem::case::{Case, Interface, Limiter};
 use phasewarp::problem::grid::{Cell, PhaseSpace};
-use phasewarp::scheme::interface::{Side, sources, velocity};
+use phasewarp::scheme::interface::{SourceSide, sources, velocity};
 
 /// Where a share of the flux through a face comes from.
 enum Source {
@@ -126,7 +126,7 @@ impl Limited<'_> {
                 let mut shares = Vec::new();
                 sources(&mut shares, v, self.case.interface, j, rise);
                 for s in shares {
-                    let across = s.side == Side::Across;
+                    let across = s.side == SourceSide::Across;
                     let place = if across { i + step } else { i };
                     list.push((place, s.velocity, s.weight, across));
                 }

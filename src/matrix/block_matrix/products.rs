@@ -3,7 +3,7 @@
 use crate::matrix::block_matrix::{BlockMatrix, Operator};
 use crate::matrix::bundles::WIDTH;
 use crate::matrix::inflow::AuxiliaryRow;
-use crate::matrix::kernel::{InstructionSet, Vectorized};
+use crate::matrix::instruction_set::{InstructionSet, Vectorized};
 use crate::matrix::row_lines::for_nodes;
 use crate::matrix::vector::Vector;
 use crate::matrix::velocity_lines::{NodeValue, ProductFactors};

@@ -81,6 +81,14 @@ pub(super) struct LineParticle {
     pub left: f64,
 }
 
+impl LineParticle {
+    /// Whether this particle, behind a face, is where it was at another time, up to round-off.
+    fn is_again(&self, other: &Self) -> bool {
+        let differs = (self.w - other.w).abs() > SAME * other.w.abs();
+        (self.piece, self.x) == (other.piece, other.x) && !differs
+    }
+}
+
 /// A part of an axis on which `V` is one quadratic function: a cell, or several.
 #[derive(Clone, Copy, Debug)]
 struct AxisPiece {
@@ -122,7 +130,8 @@ pub(super) struct AxisLine {
     pieces: Vec<AxisPiece>,
     /// The piece of each cell.
     pub(super) of_cell: Vec<usize>,
-    /// `V⁺ − V⁻` by end of a piece, the lowest first, zero at the ends of the axis.
+    /// `V⁺ − V⁻` by end of a piece, the lowest first. That of both ends of a periodic axis is the
+    /// same, and zero at the ends of another one.
     jumps: Vec<f64>,
     /// Whether the axis is periodic: the first cell follows the last one.
     is_periodic: bool,
@@ -168,9 +177,8 @@ impl AxisLine {
             force: potential.force(&at(i), a),
         };
         let cells: Vec<AxisPiece> = (0..axis.cells).map(cell).collect();
-        let jump = |i: usize| {
-            if 0 < i && i < axis.cells { potential.linear.jump_below(&at(i), a) } else { 0.0 }
-        };
+        // Zero at the ends of an axis that is not periodic.
+        let jump = |i: usize| potential.linear.jump_below(&at(i % axis.cells), a);
         let tolerance = SAME * potential.steepest(a);
         let goes_on = |i: usize| {
             let [below, above] = [&cells[i - 1], &cells[i]];
@@ -178,7 +186,7 @@ impl AxisLine {
             let change = (above.force.curvature - below.force.curvature) * axis.width();
             jump(i) == 0.0 && bend.abs() <= tolerance && change.abs() <= tolerance
         };
-        let (mut pieces, mut of_cell, mut jumps) = (Vec::new(), Vec::new(), vec![0.0]);
+        let (mut pieces, mut of_cell, mut jumps) = (Vec::new(), Vec::new(), vec![jump(0)]);
         let mut first = 0;
         while first < axis.cells {
             let end = (first + 1..axis.cells).find(|&i| !goes_on(i)).unwrap_or(axis.cells);
@@ -200,8 +208,9 @@ impl AxisLine {
     }
 
     /// The particle when no time is left, or when it leaves the box. `None` if it may come to rest
-    /// at a face, leaves its velocity box within a piece, goes around a periodic axis, or meets
-    /// more than `most` faces.
+    /// at a face, leaves its velocity box within a piece, or meets more than `most` faces.
+    ///
+    /// Whole periods of a closed path are left out.
     pub(super) fn follow(
         &self,
         start: LineParticle,
@@ -209,6 +218,7 @@ impl AxisLine {
         most: usize,
     ) -> Option<LineParticle> {
         let mut particle = start;
+        let mut first: Option<LineParticle> = None;
         let is_inside = |w: f64| self.box_ends[0] < w && w < self.box_ends[1];
         for _ in 0..most {
             let LineParticle { piece, x, w, left } = particle;
@@ -240,6 +250,10 @@ impl AxisLine {
                 AtFace::Leaves => return Some(particle),
                 AtFace::Rare => return None,
             }
+            let since = *first.get_or_insert(particle);
+            if particle.left < since.left && particle.is_again(&since) {
+                particle.left %= since.left - particle.left;
+            }
         }
         None
     }
@@ -253,14 +267,18 @@ impl AxisLine {
     /// Transmits or reflects a particle that has arrived at a face.
     fn meet(&self, particle: &mut LineParticle, face: usize) -> AtFace {
         let up = particle.w > 0.0;
-        let ends = self.pieces.len();
-        particle.x =
-            if face < ends { self.pieces[face].lower } else { self.pieces[ends - 1].upper };
-        if face == 0 || face == ends {
-            return if self.is_periodic { AtFace::Rare } else { AtFace::Leaves };
+        let pieces = self.pieces.len();
+        let start_of = |piece: usize, up: bool| {
+            let AxisPiece { lower, upper, .. } = self.pieces[piece];
+            if up { lower } else { upper }
+        };
+        let [below, above] = [(face + pieces - 1) % pieces, face % pieces];
+        let [here, there] = if up { [below, above] } else { [above, below] };
+        if (face == 0 || face == pieces) && !self.is_periodic {
+            particle.x = start_of(here, !up);
+            return AtFace::Leaves;
         }
-        let [here, there] = if up { [face - 1, face] } else { [face, face - 1] };
-        particle.piece = there;
+        (particle.piece, particle.x) = (there, start_of(there, up));
         if self.jumps[face] == 0.0 {
             return AtFace::Goes;
         }
@@ -270,7 +288,8 @@ impl AxisLine {
         if square > 0.0 {
             particle.w = square.sqrt().copysign(particle.w);
         } else {
-            (particle.piece, particle.w) = (here, -particle.w);
+            particle.w = -particle.w;
+            (particle.piece, particle.x) = (here, start_of(here, !up));
         }
         let slow = particle.w * particle.w <= self.rest;
         if slow {

@@ -38,7 +38,7 @@ use std::cell::Cell;
 pub(super) const ROUND_OFF: f64 = 1e-13;
 /// Least number of places along an axis of the box at which a formula of `V` is evaluated on a path
 /// through it; a place in two cells if that is more.
-const LEAST_SIGHTS: f64 = 64.0;
+const LEAST_PROBES: f64 = 64.0;
 /// Steps through cells that take the time of an evaluation of a formula of `V`.
 const STEPS_PER_EVALUATION: usize = 3;
 /// A particle that ends closer to a face than this fraction of a cell is moved onto it.
@@ -182,7 +182,7 @@ pub(super) struct Flow {
     scales: OrbitState,
     /// Where a formula of `V` determines a path: the distances along each axis at which it is
     /// evaluated.
-    sights: [f64; MAX_DIMENSION],
+    probe_distances: [f64; MAX_DIMENSION],
     /// The length of the first step along such a path.
     first_step: f64,
 }
@@ -207,9 +207,9 @@ impl Flow {
         for (a, (x, v)) in space.x.iter().zip(&space.v).enumerate() {
             (scales[a], scales[MAX_DIMENSION + a]) = (x.upper - x.lower, v.upper - v.lower);
         }
-        let mut sights = [1.0; MAX_DIMENSION];
-        for (sight, x) in sights.iter_mut().zip(&space.x) {
-            *sight = (2.0 * x.width()).min((x.upper - x.lower) / LEAST_SIGHTS);
+        let mut probe_distances = [1.0; MAX_DIMENSION];
+        for (distance, x) in probe_distances.iter_mut().zip(&space.x) {
+            *distance = (2.0 * x.width()).min((x.upper - x.lower) / LEAST_PROBES);
         }
         // A part of the time to cross the box, and of that to fall through it.
         let shortest = |a: usize| {
@@ -227,7 +227,7 @@ impl Flow {
             free,
             face_rate,
             scales,
-            sights,
+            probe_distances,
             first_step,
         }
     }
@@ -415,7 +415,12 @@ impl Flow {
                 .unwrap_or([0.0; MAX_DIMENSION]);
             std::array::from_fn(|a| if a < n && !rests[a] { -slopes[a] } else { 0.0 })
         };
-        let orbits = Orbits { acceleration, bounds, scales: self.scales, sights: self.sights };
+        let orbits = Orbits {
+            acceleration,
+            bounds,
+            scales: self.scales,
+            probe_distances: self.probe_distances,
+        };
         let end = orbits.follow(state, left, &mut particle.orbit_step);
         particle.path.steps += STEPS_PER_EVALUATION * evaluations.get();
         for a in moving() {

@@ -6,12 +6,13 @@
 //! order `2k`. The bounds that an orbit meets within a step are found on cubic Hermite polynomials,
 //! and reached by shorter steps.
 
+use crate::base::bisect::bisect;
 use crate::problem::grid::MAX_DIMENSION;
 
 /// Largest number of columns of an extrapolation.
 const COLUMNS: usize = 10;
 /// A step is accepted if the last two columns differ by less than this part of the scales, and if
-/// the force was evaluated at distances of at most [`Orbits::sights`].
+/// the force was evaluated at distances of at most [`Orbits::probe_distances`].
 const TOLERANCE: f64 = 1e-11;
 /// Factors of the length of the next step, by the number of columns that a step took.
 const GROWTH: [f64; COLUMNS] = [4.0, 4.0, 3.0, 2.0, 1.6, 1.3, 1.15, 1.0, 0.9, 0.7];
@@ -100,7 +101,7 @@ pub(super) struct Orbits<F> {
     pub scales: OrbitState,
     /// Largest distances along each axis at which the force is evaluated, so that no structure of
     /// `V` that is wider than a few of them is passed unseen.
-    pub sights: [f64; MAX_DIMENSION],
+    pub probe_distances: [f64; MAX_DIMENSION],
 }
 
 impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
@@ -161,8 +162,8 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
 
     /// The orbit after a time `length`; `None` if the extrapolation is not accurate.
     fn step(&self, from: &Orbit, length: f64) -> Option<OrbitStep> {
-        let sights_passed = |a: usize| (from.slopes[a] * length / self.sights[a]).abs();
-        let least_columns = (0..MAX_DIMENSION).map(sights_passed).fold(0.0, f64::max);
+        let probes_needed = |a: usize| (from.slopes[a] * length / self.probe_distances[a]).abs();
+        let least_columns = (0..MAX_DIMENSION).map(probes_needed).fold(0.0, f64::max);
         // The last row of the tableau of changes of the state.
         let mut row = [[0.0; 2 * MAX_DIMENSION]; COLUMNS];
         for k in 0..COLUMNS {
@@ -234,23 +235,23 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
         let mut first: Option<(OrbitBound, f64)> = None;
         for c in 0..2 * MAX_DIMENSION {
             let [lower, upper] = self.bounds[c];
-            let way = Way {
+            let way = CubicStep {
                 ends: [start.state[c], end.state[c]],
-                rises: [start.slopes[c] * length, end.slopes[c] * length],
+                scaled_slopes: [start.slopes[c] * length, end.slopes[c] * length],
             };
-            let most = way.rises[0].abs() + way.rises[1].abs();
+            let most = way.scaled_slopes[0].abs() + way.scaled_slopes[1].abs();
             if way.ends.iter().all(|at| at - most > lower && at + most < upper) {
                 continue;
             }
             match way.event(lower, upper) {
-                WayEvent::Stays => {}
-                WayEvent::Turns { before } => {
+                CrossingEvent::Stays => {}
+                CrossingEvent::Turns { before } => {
                     let is_wide = NEAR * before.way > REACHED * self.scales[c];
                     if before.gap < NEAR * before.way && is_wide {
                         return StepEvent::Unclear;
                     }
                 }
-                WayEvent::Leaves { part, upper } => {
+                CrossingEvent::Leaves { part, upper } => {
                     let time = part * length;
                     if first.is_none_or(|(_, earliest)| time < earliest) {
                         first = Some((OrbitBound { coordinate: c, upper }, time));
@@ -295,15 +296,15 @@ impl<F: Fn(&[f64; MAX_DIMENSION]) -> [f64; MAX_DIMENSION]> Orbits<F> {
 }
 
 /// The way of a coordinate in a step.
-struct Way {
+struct CubicStep {
     /// Its values at the ends.
     ends: [f64; 2],
     /// Its derivatives there, times the length of the step.
-    rises: [f64; 2],
+    scaled_slopes: [f64; 2],
 }
 
 /// What a coordinate does in a step.
-enum WayEvent {
+enum CrossingEvent {
     /// It stays within its bounds.
     Stays,
     /// It stays, but turns around on the way.
@@ -320,15 +321,15 @@ struct TurningPoint {
     way: f64,
 }
 
-impl Way {
+impl CubicStep {
     /// The coordinate after a part `s` of the step, by cubic Hermite interpolation.
     fn at(&self, s: f64) -> f64 {
-        let (r, [p, q], [u, v]) = (1.0 - s, self.ends, self.rises);
+        let (r, [p, q], [u, v]) = (1.0 - s, self.ends, self.scaled_slopes);
         let all = q - p;
         p + s * (all + r * (r * (u - all) - s * (v - all)))
     }
 
-    fn event(&self, lower: f64, upper: f64) -> WayEvent {
+    fn event(&self, lower: f64, upper: f64) -> CrossingEvent {
         let beyond = |s: f64| {
             let at = self.at(s);
             (at > upper || at < lower).then_some(at > upper)
@@ -336,22 +337,19 @@ impl Way {
         let place = |k: u32| f64::from(k) / f64::from(PLACES);
         let mut places = 1..=PLACES;
         if let Some((k, upper)) = places.find_map(|k| Some((k, beyond(place(k))?))) {
-            let [mut inside, mut outside] = [place(k - 1), place(k)];
-            for _ in 0..40 {
-                let middle = 0.5 * (inside + outside);
-                let side = if beyond(middle).is_some() { &mut outside } else { &mut inside };
-                *side = middle;
-            }
-            return WayEvent::Leaves { part: outside, upper };
+            let [_, outside] = bisect(place(k - 1), place(k), 40, |s| beyond(s).is_none());
+            return CrossingEvent::Leaves { part: outside, upper };
         }
-        let [u, v] = self.rises;
+        let [u, v] = self.scaled_slopes;
         if u * v >= 0.0 {
-            return WayEvent::Stays;
+            return CrossingEvent::Stays;
         }
         let ahead = (1..PLACES).map(|k| self.at(place(k)) * u.signum()).fold(f64::MIN, f64::max);
         let bound = if u > 0.0 { upper } else { -lower };
         let gap = bound - ahead;
-        WayEvent::Turns { before: TurningPoint { gap, way: ahead - self.ends[0] * u.signum() } }
+        CrossingEvent::Turns {
+            before: TurningPoint { gap, way: ahead - self.ends[0] * u.signum() },
+        }
     }
 }
 

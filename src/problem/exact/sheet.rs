@@ -224,9 +224,9 @@ impl FirstBoxes {
         if let InitialSheet::Entering(AxisEnd { axis, .. }) = sheet {
             // The fastest particles cross one box of space in one interval of entry times.
             let fastest = case.space.v[axis].largest_magnitude();
-            let times = (case.end * fastest / widths[axis]).ceil().max(1.0);
+            let times = (case.duration() * fastest / widths[axis]).ceil().max(1.0);
             counts[axis] = (times as usize).min(4 * counts[axis]);
-            widths[axis] = case.end / counts[axis] as f64;
+            widths[axis] = case.duration() / counts[axis] as f64;
         }
         Self { counts, widths }
     }

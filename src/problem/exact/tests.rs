@@ -4,7 +4,7 @@ use super::*;
 use crate::problem::case::Interface;
 use crate::problem::element::Nodes;
 use crate::problem::grid::{PhaseSpace, box_cells};
-use crate::scheme::interface::{Side, sources};
+use crate::scheme::interface::{SourceSide, sources};
 
 /// A case with the same axes `(lower, upper, cells)` in each of `n` dimensions.
 fn case(
@@ -864,7 +864,7 @@ fn blocks_are_crossed_as_cell_by_cell() {
 }
 
 /// Along one axis: through flat parts, slopes, wells in which particles turn around, jumps that
-/// reflect, and both ends of both boxes.
+/// reflect, both ends of both boxes, and around a periodic axis.
 #[test]
 fn lines_are_followed_as_whole_paths() {
     let one = |v, potential: &[(&str, &str)]| case(1, (-1.5, 1.5, 30), v, potential, "0", "0");
@@ -883,6 +883,11 @@ fn lines_are_followed_as_whole_paths() {
         }
     }
     assert!(by_line > 130_000, "{by_line}");
+    for curvature in [0.0, 0.2, -0.15] {
+        let case = periodic_or_unrolled(1, None, curvature);
+        let by_line = lines_against_whole_paths(&case);
+        assert!(by_line > 13_000, "{curvature}: {by_line}");
+    }
 }
 
 /// Number of points of a case that [`AxisLine`] follows. All points end as by whole paths.
@@ -997,7 +1002,7 @@ fn the_scheme_has_the_same_sources() {
             let mut list = Vec::new();
             sources(&mut list, axis, Interface::Hat, j, rise);
             let across = foot.point[3] * v > 0.0;
-            let side = if across { Side::Across } else { Side::Same };
+            let side = if across { SourceSide::Across } else { SourceSide::Same };
             assert!(list.iter().all(|s| s.side == side), "{v} {rise}: {foot:?}");
             // The hat function reproduces the velocity.
             let mean: f64 = list.iter().map(|s| s.weight * axis.centre(s.velocity)).sum();

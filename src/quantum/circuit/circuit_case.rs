@@ -10,7 +10,7 @@ use crate::problem::potential::Potential;
 use crate::quantum::circuit::transport::{
     AxisTransport, CaseTransport, Force, PotentialJump, bits_of,
 };
-use crate::scheme::interface::{Side, sources, velocity};
+use crate::scheme::interface::{SourceSide, sources, velocity};
 use std::collections::{BTreeMap, HashMap};
 
 /// The largest number of bits that number the bins of a level.
@@ -321,7 +321,7 @@ fn change_of(axis: &Axis, rise: f64, rounded: f64) -> f64 {
             let height = if upper { height } else { -height };
             sources(&mut found, axis, Interface::Conservative, j, height);
             for source in found.iter().filter(|s| (0..axis.cells as i64).contains(&s.velocity)) {
-                let from = upper == (source.side == Side::Same);
+                let from = upper == (source.side == SourceSide::Same);
                 let rate = rates.entry((upper, j, from, source.velocity)).or_insert(0.0);
                 *rate += sign * v.abs() * source.weight;
             }

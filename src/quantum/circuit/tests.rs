@@ -13,7 +13,7 @@ use crate::quantum::circuit::simulate::{SparseState, block_column};
 use crate::quantum::circuit::transport::{
     AxisTransport, CaseTransport, CircuitModes, Levels, PotentialJump,
 };
-use crate::scheme::interface::{Side, sources, velocity};
+use crate::scheme::interface::{SourceSide, sources, velocity};
 use num_complex::Complex64;
 use std::collections::HashMap;
 use std::f64::consts::TAU;
@@ -100,7 +100,7 @@ impl JumpGrid {
                 let rise = if v > 0.0 { rise } else { -rise };
                 sources(&mut out, &axis, Interface::Conservative, j as i64, rise);
                 for source in &out {
-                    let from = if source.side == Side::Same { x as i64 } else { behind };
+                    let from = if source.side == SourceSide::Same { x as i64 } else { behind };
                     let inside = (0..axis.cells as i64).contains(&source.velocity);
                     if inside && (0..cells).contains(&from) {
                         let column = transport.state(&[from as usize, source.velocity as usize]);

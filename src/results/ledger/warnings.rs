@@ -2,7 +2,7 @@
 
 use crate::base::text::{counted, percent, short};
 use crate::results::ledger::{BoxEnd, Ledger, NarrowRegion, STANDARD_ERRORS};
-use crate::scheme::interface::energy::WITH_REST_ON_A_FACE;
+use crate::scheme::interface::rest_face::WITH_REST_ON_A_FACE;
 
 /// Larger parts of the mass give a warning, and jumps of `V` below this part of the mean energy.
 const NOTICEABLE: f64 = 0.01;

@@ -10,7 +10,7 @@
 //! signs.
 
 use crate::problem::grid::Axis;
-use crate::scheme::interface::law::{FARTHEST, FluxSource, InterfaceLaw, Side, velocity};
+use crate::scheme::interface::law::{FARTHEST, FluxSource, InterfaceLaw, SourceSide, velocity};
 
 /// The conservative law.
 #[derive(Debug)]
@@ -28,11 +28,11 @@ impl InterfaceLaw for Conservative {
         let threshold = lattice.floor - rise;
         if low < threshold {
             let reflected = EnergyInterval { low, high: high.min(threshold) };
-            lattice.share(out, Side::Same, -sign, reflected, length);
+            lattice.share(out, SourceSide::Same, -sign, reflected, length);
         }
         if high > threshold {
             let across = EnergyInterval { low: low.max(threshold) + rise, high: high + rise };
-            lattice.share(out, Side::Across, sign, across, length);
+            lattice.share(out, SourceSide::Across, sign, across, length);
         }
         // Energies at a very high wall are rounded, so the shares are normalised to the sum 1.
         let sum: f64 = out.iter().map(|s| s.weight).sum();
@@ -40,7 +40,7 @@ impl InterfaceLaw for Conservative {
             out.iter_mut().for_each(|s| s.weight /= sum);
         } else {
             out.push(FluxSource {
-                side: Side::Across,
+                side: SourceSide::Across,
                 velocity: lattice.cell_of(0.5 * (low + high) + rise, sign),
                 weight: 1.0,
             });
@@ -92,7 +92,7 @@ impl<'a> Lattice<'a> {
     fn share(
         &self,
         out: &mut Vec<FluxSource>,
-        side: Side,
+        side: SourceSide,
         sign: i64,
         EnergyInterval { low, high }: EnergyInterval,
         length: f64,

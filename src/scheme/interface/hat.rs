@@ -9,7 +9,7 @@
 //! function.
 
 use crate::problem::grid::Axis;
-use crate::scheme::interface::law::{FARTHEST, FluxSource, InterfaceLaw, Side, velocity};
+use crate::scheme::interface::law::{FARTHEST, FluxSource, InterfaceLaw, SourceSide, velocity};
 
 /// Fractions of a cell below this are round-off of a velocity that lies on a cell centre.
 const ON_CENTRE: f64 = 1e-11;
@@ -23,9 +23,9 @@ impl InterfaceLaw for Hat {
         let xi = velocity(axis, j);
         let square = xi * xi + 2.0 * rise;
         if square > 0.0 {
-            interpolate(out, axis, Side::Across, square.sqrt().copysign(xi));
+            interpolate(out, axis, SourceSide::Across, square.sqrt().copysign(xi));
         } else {
-            interpolate(out, axis, Side::Same, -xi);
+            interpolate(out, axis, SourceSide::Same, -xi);
         }
     }
 
@@ -35,7 +35,7 @@ impl InterfaceLaw for Hat {
 }
 
 /// Weights of the hat function `h(ξ − ξ_k)` of width `Δξ`.
-fn interpolate(out: &mut Vec<FluxSource>, axis: &Axis, side: Side, xi: f64) {
+fn interpolate(out: &mut Vec<FluxSource>, axis: &Axis, side: SourceSide, xi: f64) {
     let position = axis.position(xi) - 0.5;
     let position = position.clamp(-FARTHEST, FARTHEST);
     let mut k = position.floor();

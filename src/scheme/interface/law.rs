@@ -5,7 +5,7 @@ use std::fmt::Debug;
 
 /// The side of a face on which a source lies, seen from the cell that is updated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
+pub enum SourceSide {
     /// The neighbouring cell: transmission.
     Across,
     /// The cell itself: reflection.
@@ -16,7 +16,7 @@ pub enum Side {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FluxSource {
     /// Side of the face.
-    pub side: Side,
+    pub side: SourceSide,
     /// Index along the velocity axis; outside `0..cells` it is a ghost, filled by the inflow.
     pub velocity: i64,
     /// Weight of the source, in (0, 1].

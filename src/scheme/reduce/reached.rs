@@ -18,7 +18,7 @@ use crate::problem::case::{Case, Limiter, Reductions};
 use crate::problem::grid::{Cell, PhaseSpace, axis_names, for_each_cell};
 use crate::problem::potential::Potential;
 use crate::scheme::interface::energy::FaceSide;
-use crate::scheme::interface::{FluxSource, Side, sources, velocity};
+use crate::scheme::interface::{FluxSource, SourceSide, sources, velocity};
 use crate::scheme::reduce::reached::elements::{Links, PlaneFace, Points};
 use crate::scheme::rows::{Row, Scheme};
 use std::collections::{BTreeMap, BTreeSet};
@@ -215,9 +215,9 @@ impl Faces {
             let side = if speed > 0.0 { FaceSide::Above } else { FaceSide::Below };
             let PlaneFace { number, across } = PlaneFace::of(space, a, i, side);
             let holds = |source: &FluxSource| match (source.side, across) {
-                (Side::Same, _) => plane.holds(i, source.velocity),
-                (Side::Across, Some(across)) => plane.holds(across, source.velocity),
-                (Side::Across, None) => false,
+                (SourceSide::Same, _) => plane.holds(i, source.velocity),
+                (SourceSide::Across, Some(across)) => plane.holds(across, source.velocity),
+                (SourceSide::Across, None) => false,
             };
             // Cells beyond the ends of the box are inflow, which is in the set from the start.
             let moved = speed != 0.0
@@ -448,7 +448,7 @@ mod tests {
                 let mut draws = |index: &usize| {
                     scheme.row(&mut row, *index);
                     assert_eq!(row.inflow[0], 0.0, "{settings:?}: row {index}");
-                    row.draw > 1e-12
+                    row.inflow_rate > 1e-12
                 };
                 let cells: Vec<usize> = (0..case.space.cells()).filter(|i| draws(i)).collect();
                 let cells = cells.into_iter().map(|index| case.space.cell(index));

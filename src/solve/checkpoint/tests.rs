@@ -507,8 +507,12 @@ fn different_runs_are_distinguished() {
 
 #[test]
 fn progress_of_mode_groups_is_added() {
-    let statistics =
-        |kept, defect, applications| BatchStatistics { kept, defect, applications, solves: 2 };
+    let statistics = |least_norm_ratio, defect, applications| BatchStatistics {
+        least_norm_ratio,
+        defect,
+        applications,
+        solves: 2,
+    };
     let state = |finished: &[usize], statistics: BatchStatistics| GroupProgress {
         finished: finished.to_vec(),
         beyond: vec![0.5],
@@ -518,7 +522,11 @@ fn progress_of_mode_groups_is_added() {
     let mut all = state(&[3, 4], statistics(Some(0.5), None, 7));
     all.add(state(&[1], statistics(Some(0.25), Some(0.1), 5)));
     all.add(state(&[], statistics(None, Some(0.3), 0)));
-    let expected =
-        BatchStatistics { kept: Some(0.25), defect: Some(0.3), applications: 12, solves: 6 };
+    let expected = BatchStatistics {
+        least_norm_ratio: Some(0.25),
+        defect: Some(0.3),
+        applications: 12,
+        solves: 6,
+    };
     assert_eq!((all.finished, all.beyond.len(), all.statistics), (vec![3, 4, 1], 3, expected));
 }

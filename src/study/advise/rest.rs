@@ -67,9 +67,9 @@ impl Study<'_> {
         if next_grids.is_empty() || !self.trials.budget.is_before(LATEST) {
             return Ok(());
         }
-        let counted = self.trials.budget.aside();
+        let counted = self.trials.budget.pause_count();
         let done = self.refine_open(next_grids, found);
-        self.trials.budget.count_again(counted);
+        self.trials.budget.resume_count(counted);
         done
     }
 

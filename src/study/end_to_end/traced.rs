@@ -71,8 +71,8 @@ impl DensityAtPoint<'_> {
         let (space, n) = (&self.case.space, self.dimension());
         let panels = vec![FIRST_PANELS[n - 1]; n];
         let rule = PanelRule {
-            relative: 0.5 * accuracy / ERROR_OF_RULE,
-            most: MOST_TRACES,
+            relative_tolerance: 0.5 * accuracy / ERROR_OF_RULE,
+            max_points_per_integral: MOST_TRACES,
             ..PanelRule::new(self.values, space, self.case.end, panels)
         };
         let [x, y, z, ..] = self.point;
@@ -200,8 +200,8 @@ mod tests {
     fn an_error_that_is_not_reached_is_returned() {
         with_density(1, "1 if v < 1/3 else 0", |there| {
             let rule = PanelRule {
-                relative: 1e-9,
-                most: 20,
+                relative_tolerance: 1e-9,
+                max_points_per_integral: 20,
                 ..PanelRule::new(there.values, &there.case.space, there.case.end, vec![4])
             };
             let found = rule.sampled(&[0.5, 0.0, 0.0]);

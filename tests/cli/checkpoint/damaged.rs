@@ -7,7 +7,7 @@ use crate::support::{
     Job, Summary, case, check_all, copy, datasets, differences, directory_on_disk as directory,
     of_case,
 };
-use phasewarp::matrix::kernel::{INSTRUCTION_SET_VARIABLE, InstructionSet};
+use phasewarp::matrix::instruction_set::{INSTRUCTION_SET_VARIABLE, InstructionSet};
 use std::fs;
 use std::path::Path;
 use std::sync::LazyLock;

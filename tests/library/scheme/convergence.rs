@@ -133,7 +133,7 @@ fn transport_around_a_periodic_axis_is_a_circulant() {
         }
         // The columns sum to zero, as the number of particles is conserved.
         assert_same_system(&format!("{cells} cells"), &found, &expected);
-        assert!(found.inflow.iter().chain(&found.draw).all(|b| *b == 0.0));
+        assert!(found.inflow.iter().chain(&found.inflow_rate).all(|b| *b == 0.0));
         for j in 0..5 * cells {
             let sum: f64 = (0..5 * cells).map(|i| found.generator.at(i, j)).sum();
             assert!(sum.abs() < 1e-13, "column {j}: {sum}");

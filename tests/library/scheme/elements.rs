@@ -177,10 +177,10 @@ impl<'a> Dissected<'a> {
 
     /// A constant field changes only by its inflow.
     fn check_rows(&self, inflow: f64) {
-        let System { generator, draw, inflow: entering, .. } = &self.system;
+        let System { generator, inflow_rate, inflow: entering, .. } = &self.system;
         let round_off = 1e-13 * generator.largest();
         for i in 0..generator.size {
-            let (sum, draw) = (generator.row_sum(i), draw[i]);
+            let (sum, draw) = (generator.row_sum(i), inflow_rate[i]);
             assert!((sum + draw).abs() <= round_off, "{}: row {i}: {sum}, draws {draw}", self.name);
             let off = entering[i] - inflow * draw;
             assert!(off.abs() <= round_off * inflow, "{}: row {i}: {off}", self.name);
@@ -409,7 +409,7 @@ fn partial_reflection_is_within_its_bounds() {
         if !closed {
             scene.check_rows(inflow);
             scene.check_columns();
-            opened += usize::from(scene.system.draw.iter().any(|draw| *draw > 0.0));
+            opened += usize::from(scene.system.inflow_rate.iter().any(|draw| *draw > 0.0));
         }
         scene.check_dissipation();
         scene.check_intervals();

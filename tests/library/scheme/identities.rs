@@ -40,15 +40,15 @@ fn identities(name: &str, case: &Case, inflow: Option<f64>) {
             sum += value;
             columns[j] += value;
         }
-        assert!(row.draw >= 0.0, "{name}: row {i}");
+        assert!(row.inflow_rate >= 0.0, "{name}: row {i}");
         assert!(
-            (sum + row.draw).abs() <= ROUND_OFF * rate,
+            (sum + row.inflow_rate).abs() <= ROUND_OFF * rate,
             "{name}: row {i} sums to {sum}, draws {}",
-            row.draw
+            row.inflow_rate
         );
         if let Some(value) = inflow {
             assert!(
-                (row.inflow[0] - value * row.draw).abs() <= ROUND_OFF * rate * value.abs(),
+                (row.inflow[0] - value * row.inflow_rate).abs() <= ROUND_OFF * rate * value.abs(),
                 "{name}: row {i}"
             );
         }
@@ -115,7 +115,7 @@ fn inflow_from_the_foot_of_a_hard_wall() {
             let system = System::of_rows(&case("step_up.toml", &sets));
             // On the wall, to the right of the step, moving right.
             for i in 3 * 22 + 11..4 * 22 {
-                assert!(system.draw[i] > 0.0, "{interface}, {height}: row {i}");
+                assert!(system.inflow_rate[i] > 0.0, "{interface}, {height}: row {i}");
                 assert_eq!(system.inflow[i], 0.0, "{interface}, {height}: row {i}");
             }
         }
@@ -236,7 +236,7 @@ fn the_mirror_image_of_a_case_has_the_mirror_image_of_its_matrix() {
                 let back = System {
                     generator: Dense::from_fn(size, |i, j| image.generator.at(index(i), index(j))),
                     inflow: (0..size).map(|i| image.inflow[index(i)]).collect(),
-                    draw: (0..size).map(|i| image.draw[index(i)]).collect(),
+                    inflow_rate: (0..size).map(|i| image.inflow_rate[index(i)]).collect(),
                     ..System::zero(size)
                 };
                 let name = format!("{}, {interface:?}, axis {a}", hat.name);

@@ -93,7 +93,7 @@ fn paper_in_one_dimension(scene: &Scene) -> System {
     System {
         generator: Dense::from_fn(nx * nv, |i, j| -a1.at(i, j) - a2.at(i, j)),
         inflow: b1.iter().zip(&b2).map(|(b1, b2)| -b1 - b2).collect(),
-        draw,
+        inflow_rate: draw,
         ..System::zero(nx * nv)
     }
 }
@@ -208,7 +208,7 @@ fn cell_by_cell(scene: &Scene, sources: Sources) -> System {
                 None => {
                     let value = (scene.inflow)(point(&x, source), point(&v, &source[n..]));
                     system.inflow[row] += rate * value;
-                    system.draw[row] += rate;
+                    system.inflow_rate[row] += rate;
                 }
             }
         };
@@ -254,7 +254,7 @@ pub fn assert_same_system(name: &str, found: &System, expected: &System) {
     let scale = expected.generator.largest();
     let most = expected.inflow.iter().fold(1.0, |m: f64, b| m.max(b.abs()));
     assert_same(name, &found.generator, &expected.generator, ROUND_OFF * scale);
-    assert_close(name, &found.draw, &expected.draw, ROUND_OFF * scale);
+    assert_close(name, &found.inflow_rate, &expected.inflow_rate, ROUND_OFF * scale);
     assert_close(name, &found.inflow, &expected.inflow, ROUND_OFF * scale.max(most));
 }
 

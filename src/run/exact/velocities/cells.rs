@@ -107,7 +107,8 @@ impl CellAverages<'_> {
         let at = |x: f64| self.at(x.clamp(lower + inside, upper - inside));
         let values = std::array::from_fn(|k| at(lower + 0.25 * whole * k as f64));
         let mut panels = vec![CellPanel { lower, upper, values }];
-        let share = self.rule.together / (self.axis().cells * points_of(&self.rule.panels));
+        let share =
+            self.rule.max_points_in_all / (self.axis().cells * points_of(&self.rule.panels));
         let most = (BENT_CELLS * share).clamp(POSITIONS[0], POSITIONS[1]);
         let mut used = POINTS;
         while used + POINTS - 1 <= most {

@@ -82,10 +82,14 @@ impl<'a> SeenFilaments<'a> {
         let unseen = loop {
             let panels: Vec<usize> = rule.panels.iter().map(|panels| FINER * panels).collect();
             let points = points_of(&panels);
-            let finer = PanelRule { panels, most: rule.most.max(more * points), ..rule.clone() };
+            let finer = PanelRule {
+                panels,
+                max_points_per_integral: rule.max_points_per_integral.max(more * points),
+                ..rule.clone()
+            };
             let expected = at_places(&finer);
             let unseen = compared.difference(&found, &expected);
-            let fits = points.saturating_mul(positions) <= MORE_POINTS * rule.together;
+            let fits = points.saturating_mul(positions) <= MORE_POINTS * rule.max_points_in_all;
             if unseen <= UNSEEN || !fits {
                 break unseen;
             }
@@ -96,7 +100,7 @@ impl<'a> SeenFilaments<'a> {
             0 if !seen.rule.is_limited => seen.search_within_cells(world, compared),
             _ => 0.0,
         };
-        seen.rule.unseen = unseen.max(unseen_in_cells);
+        seen.rule.unseen_part = unseen.max(unseen_in_cells);
         seen
     }
 

@@ -37,7 +37,7 @@ impl GridRule {
         let rule = Self { points, error: 0.0 };
         let tight = PanelRule {
             tolerance: TRIAL_TOLERANCE * by_panels.tolerance,
-            most: TRIAL_POINTS * by_panels.most,
+            max_points_per_integral: TRIAL_POINTS * by_panels.max_points_per_integral,
             ..by_panels.clone()
         };
         let errors = at_all(world, &centres(by_panels.space, most), |position| {

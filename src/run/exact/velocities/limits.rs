@@ -16,7 +16,7 @@ pub const PART_FOR_FORMULAS: f64 = 0.01;
 /// Points that an integral may take, if that is more than twice those that it begins with.
 const MOST_POINTS: [usize; MAX_DIMENSION] = [2000, 2000, 6000];
 /// Points that all integrals together may take.
-const TOGETHER: [usize; MAX_DIMENSION] = [500_000, 1_000_000, 500_000];
+const POINTS_IN_ALL: [usize; MAX_DIMENSION] = [500_000, 1_000_000, 500_000];
 /// Positions along an axis at which the largest density is searched.
 pub const SEARCHED: [usize; MAX_DIMENSION] = [64, 6, 3];
 /// Positions along an axis at which sums over the velocities of the grid are compared.
@@ -30,7 +30,7 @@ pub const FINER: usize = 4;
 /// Number of equidistant places at which they are compared, and twice that of the densest.
 pub const COMPARED: usize = 8;
 /// Points a cell of phase space that all integrals together may take, if that is more than
-/// [`TOGETHER`].
+/// [`POINTS_IN_ALL`].
 const POINTS_PER_CELL: usize = 3;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.
@@ -48,19 +48,19 @@ pub fn panels_of(case: &Case) -> Vec<usize> {
 }
 
 /// Points that all integrals of a run of `case` may take together.
-pub fn allowance(case: &Case) -> usize {
-    let enough = enough(&case.space);
-    case.most_exact_points.map_or(enough, |most| most.min(enough))
+pub fn max_points_in_all(case: &Case) -> usize {
+    let unlimited_points = unlimited_points(&case.space);
+    case.most_exact_points.map_or(unlimited_points, |most| most.min(unlimited_points))
 }
 
 /// Whether a study with little time allows fewer points than integrals may take otherwise. Then
 /// fronts within cells are not looked for.
 pub fn is_limited(case: &Case) -> bool {
-    allowance(case) < enough(&case.space)
+    max_points_in_all(case) < unlimited_points(&case.space)
 }
 
-fn enough(space: &PhaseSpace) -> usize {
-    space.cells().saturating_mul(POINTS_PER_CELL).max(TOGETHER[space.dimension() - 1])
+fn unlimited_points(space: &PhaseSpace) -> usize {
+    space.cells().saturating_mul(POINTS_PER_CELL).max(POINTS_IN_ALL[space.dimension() - 1])
 }
 
 /// Points of each cell of degree 0 along an axis, over which the moments of `case` are averaged.
@@ -68,7 +68,7 @@ pub fn points_across(case: &Case) -> usize {
     let space = &case.space;
     let cells = space.x.iter().filter(|axis| axis.nodes.degree == 0).count() as u32;
     let positions = space.space_cells().saturating_mul(ACROSS.pow(cells));
-    let fits = positions.saturating_mul(points_of(&panels_of(case))) <= allowance(case);
+    let fits = positions.saturating_mul(points_of(&panels_of(case))) <= max_points_in_all(case);
     if fits || space.dimension() == 1 { ACROSS } else { 1 }
 }
 
@@ -96,14 +96,14 @@ fn points_to_search(case: &Case) -> f64 {
 const FEWEST_POSITIONS: f64 = 64.0;
 
 /// Points that an integral may take of so many `positions` on the grid of `case`.
-pub fn most_at(case: &Case, positions: f64) -> f64 {
+pub fn max_points_per_integral(case: &Case, positions: f64) -> f64 {
     let first = points_of(&panels_of(case));
     let least = if is_limited(case) {
         first
     } else {
         MOST_POINTS[case.space.dimension() - 1].max(2 * first)
     };
-    (least as f64).max((allowance(case) as f64 / positions.max(FEWEST_POSITIONS)).floor())
+    (least as f64).max((max_points_in_all(case) as f64 / positions.max(FEWEST_POSITIONS)).floor())
 }
 
 /// About the largest number of points that integrals at so many `positions` take. In one dimension
@@ -112,7 +112,7 @@ pub fn most_at(case: &Case, positions: f64) -> f64 {
 pub fn expected_points(case: &Case, positions: f64) -> f64 {
     match case.space.dimension() {
         1 => FINER as f64 * positions * points_of(&panels_of(case)) as f64 + points_to_search(case),
-        _ => positions * most_at(case, positions),
+        _ => positions * max_points_per_integral(case, positions),
     }
 }
 
@@ -128,15 +128,15 @@ mod tests {
     #[test]
     fn a_study_limits_the_points() {
         let case = Case::parse("limits", CASE, &[]).expect("a case");
-        assert_eq!(allowance(&case), TOGETHER[0]);
+        assert_eq!(max_points_in_all(&case), POINTS_IN_ALL[0]);
         let limited = Case { most_exact_points: Some(5000), ..case.clone() };
-        assert_eq!(allowance(&limited), 5000);
+        assert_eq!(max_points_in_all(&limited), 5000);
         let one = points_of(&panels_of(&case));
         assert!(is_limited(&limited) && !is_limited(&case));
-        assert_eq!(most_at(&limited, 1000.0), one as f64);
-        assert!(most_at(&case, 1000.0) >= (2 * one) as f64);
-        assert!(most_at(&limited, 1.0) < most_at(&case, 1.0));
+        assert_eq!(max_points_per_integral(&limited, 1000.0), one as f64);
+        assert!(max_points_per_integral(&case, 1000.0) >= (2 * one) as f64);
+        assert!(max_points_per_integral(&limited, 1.0) < max_points_per_integral(&case, 1.0));
         let more = Case { most_exact_points: Some(usize::MAX), ..case.clone() };
-        assert!(allowance(&more) == allowance(&case) && !is_limited(&more));
+        assert!(max_points_in_all(&more) == max_points_in_all(&case) && !is_limited(&more));
     }
 }

@@ -84,15 +84,15 @@ pub struct PanelRule<'a> {
     /// The allowed error of a density.
     pub tolerance: f64,
     /// The allowed error relative to the density, where that is larger.
-    pub relative: f64,
+    pub relative_tolerance: f64,
     /// Points that an integral may take.
-    pub most: usize,
+    pub max_points_per_integral: usize,
     /// Points that all integrals may take together, about.
-    pub together: usize,
+    pub max_points_in_all: usize,
     /// Whether a study with little time limits them, so that nothing is looked for within cells.
     pub is_limited: bool,
     /// The part of a density that may lie between the points of the first panels.
-    pub unseen: f64,
+    pub unseen_part: f64,
     /// Boole's weights at the points of a panel.
     pub weights: Vec<f64>,
 }
@@ -118,11 +118,11 @@ impl<'a> PanelRule<'a> {
             space,
             panels,
             tolerance: 0.0,
-            relative: 0.0,
-            most: 0,
-            together: 0,
+            relative_tolerance: 0.0,
+            max_points_per_integral: 0,
+            max_points_in_all: 0,
             is_limited: false,
-            unseen: 0.0,
+            unseen_part: 0.0,
             weights,
         }
     }
@@ -141,10 +141,10 @@ impl<'a> PanelRule<'a> {
             let error = self.error_of(&panels);
             // Panels with NaN do not count, as `max` ignores it.
             let largest = panels.iter().map(|panel| panel.error).fold(0.0, f64::max);
-            let allowed = self.most.saturating_sub(points) / new_points;
+            let allowed = self.max_points_per_integral.saturating_sub(points) / new_points;
             if error <= self.allowed_error(&panels) || error.is_nan() || allowed == 0 {
                 let found = self.integral(&panels, error);
-                let error = error + self.unseen * found.moments[0].abs();
+                let error = error + self.unseen_part * found.moments[0].abs();
                 let values = panels.iter().flat_map(|panel| &panel.values);
                 let largest = values.fold(0.0, |largest, f| f64::max(largest, f.abs()));
                 let integral = VelocityIntegral { error, ..found };
@@ -168,7 +168,7 @@ impl<'a> PanelRule<'a> {
     /// sum of squares, as errors have either sign.
     fn error_of(&self, panels: &[VelocityPanel]) -> f64 {
         let errors = panels.iter().map(|panel| panel.error);
-        if self.relative > 0.0 {
+        if self.relative_tolerance > 0.0 {
             errors.sum()
         } else {
             errors.map(|error| error * error).sum::<f64>().sqrt()
@@ -177,10 +177,10 @@ impl<'a> PanelRule<'a> {
 
     /// The error that the density over `panels` may have.
     fn allowed_error(&self, panels: &[VelocityPanel]) -> f64 {
-        if self.relative == 0.0 {
+        if self.relative_tolerance == 0.0 {
             return self.tolerance;
         }
-        self.tolerance.max(self.relative * self.integral(panels, 0.0).moments[0].abs())
+        self.tolerance.max(self.relative_tolerance * self.integral(panels, 0.0).moments[0].abs())
     }
 
     /// The integral over `panels`.

@@ -1,11 +1,12 @@
 //! Tests of the operator at one face: sums, contraction, energy, polynomials, very short pieces.
 
-use super::{FaceCoupling, FaceSide, TraceCoupling, TraceShare, check_axis};
+use super::{FaceCoupling, FaceSide, TraceCoupling, TraceShare};
 use crate::base::random::uniform;
 use crate::problem::element::{LARGEST_DEGREE, Nodes};
 use crate::problem::grid::Axis;
 use crate::scheme::interface::conservative::Conservative;
-use crate::scheme::interface::law::{InterfaceLaw, Side};
+use crate::scheme::interface::law::{InterfaceLaw, SourceSide};
+use crate::scheme::interface::rest_face::check_axis;
 use faer::Mat;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -375,7 +376,8 @@ fn degree_0_is_the_conservative_law() {
             Conservative.sources(&mut list, &axis, trace.1 as i64, towards);
             let mut beyond = 0.0;
             for source in &list {
-                let side = if source.side == Side::Same { trace.0 } else { trace.0.opposite() };
+                let side =
+                    if source.side == SourceSide::Same { trace.0 } else { trace.0.opposite() };
                 let weight = |node: usize| {
                     let shares = face.trace(trace).partners.iter();
                     shares

@@ -1,16 +1,16 @@
 //! Parts of space, in which particles show errors of the density.
 //!
-//! In a part whose relative error of `f` is `e`, the relative error of the density is about `e³` on
-//! cells and `2 e²` on elements, and at most `e` ([`density_power`]).
+//! The relative error of the density of a part follows from that of `f` there
+//! ([`density_of_smeared`]), and is at most as large. On elements it counts twice: particles see
+//! the half of a front where `f ≠ 0`.
 
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
-use crate::results::accuracy::density_power;
+use crate::results::accuracy::density_of_smeared;
 use std::ops::AddAssign;
 
 /// Particles of each part of space in which the errors of `f` are found, on average.
 const PARTICLES_OF_PART: usize = 16;
-/// The part of the square of the error at a smeared front that particles see: they are where
-/// `f ≠ 0` only.
+/// The part of the square of the error at a smeared front that particles see.
 const SEEN_OF_FRONT: f64 = 0.5;
 
 /// Parts of space: as many elements each, or one more, along an axis. The last axis is the fastest.
@@ -79,12 +79,12 @@ impl<'a> SpaceParts<'a> {
     /// The relative L2 error of the density if that of each part follows from the error of `f`
     /// there.
     pub fn smeared(&self, by_part: &[ParticleSums]) -> Option<f64> {
-        let power = density_power(self.space);
-        let seen = if self.space.whole_degree() == 0 { 1.0 } else { SEEN_OF_FRONT };
+        let degree = self.space.whole_degree();
+        let seen = if degree == 0 { 1.0 } else { SEEN_OF_FRONT };
         let (mut error, mut size) = (0.0, 0.0);
         for (part, of) in by_part.iter().enumerate().filter(|(_, of)| of.size > 0.0) {
             let of_field = (of.error / of.size).sqrt();
-            let missing = of_field.min(of_field.powi(power) / seen) * of.absolute;
+            let missing = of_field.min(density_of_smeared(degree, of_field) / seen) * of.absolute;
             error += missing * missing / self.volume(part);
             size += of.mass * of.mass / self.volume(part);
         }

@@ -5,9 +5,9 @@ use crate::base::random::uniform;
 use crate::problem::case::{Case, Interface};
 use crate::problem::exact::{Crossing, Tracer};
 use crate::problem::grid::{Axis, MAX_DIMENSION};
-use crate::run::ledger::arrivals::Arrivals;
-use crate::run::ledger::draw::Particle;
-use crate::scheme::interface::{Side, law_of, sources, velocity};
+use crate::run::particles::arrivals::{Arrivals, ArrivedParticle};
+use crate::run::particles::draw::Particle;
+use crate::scheme::interface::{SourceSide, law_of, sources, velocity};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use std::collections::HashMap;
@@ -111,11 +111,14 @@ impl<'a> ParticleTracker<'a> {
         let mass = share * particle.mass;
         // What all jumps so far add to the particle's mass, and the same without the last.
         let (mut added, mut before) = (0.0, 0.0);
+        let mut transmissions = 0.0;
         let Self { case, gains, random, .. } = self;
         let found = self.tracer.follow_with(&particle.point, particle.time, &mut |met| {
             before = added;
             added += gains.as_mut().map_or(0.0, |gains| gains.factor(met) - 1.0);
-            is_reflected(case, met, random)
+            let turns_back = is_reflected(case, met, random);
+            transmissions += f64::from(u8::from(!turns_back && met.energy > 0.0));
+            turns_back
         });
         if let Some(exit) = found.exit {
             let end = exit.end.number();
@@ -128,7 +131,8 @@ impl<'a> ParticleTracker<'a> {
                 tally.outflow[end] += mass;
             }
         } else {
-            self.arrivals.add(replicate, particle, found.point, mass);
+            let (point, value) = (found.point, particle.value);
+            self.arrivals.add(replicate, ArrivedParticle { point, mass, value, transmissions });
         }
         tally.interface += mass * added;
     }
@@ -165,7 +169,7 @@ fn factors(axis: &Axis, interface: Interface, rise: f64) -> Vec<f64> {
     let mut given = vec![0.0; axis.cells];
     let mut list = Vec::new();
     for j in (0..axis.cells as i64).filter(|&j| velocity(axis, j) != 0.0) {
-        for (side, rise) in [(Side::Across, -rise), (Side::Same, rise)] {
+        for (side, rise) in [(SourceSide::Across, -rise), (SourceSide::Same, rise)] {
             sources(&mut list, axis, interface, j, rise);
             for source in list.iter().filter(|source| source.side == side) {
                 if let Some(given) = given.get_mut(source.velocity as usize) {

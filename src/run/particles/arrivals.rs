@@ -6,33 +6,33 @@
 //! value `f_p` along a path. Their masses are `f` times a volume, so that
 //!
 //! ```text
-//! ∫ (f_h − f)² where f ≠ 0 = Σ (m_p/f_p) (f_h(z_p) − f_p)²,   ∫ f² = Σ m_p f_p
-//! ∫ over a part of ρ       = Σ m_p of the particles that arrive there
+//! ∫ (f_h − f)²       = Σ (m_p/f_p) (f_h(z_p) − f_p)² where |f| is not far below |f_h|
+//!                      + volume × the mean of (f_h(z) − f(z))² at random points z, elsewhere
+//! ∫ f²               = Σ m_p f_p
+//! ∫ over a part of ρ = Σ m_p of the particles that arrive there
 //! ```
 //!
-//! up to the scatter of the particles. The errors of this module are those found, less
-//! [`STANDARD_ERRORS`] standard errors of the replicates: small errors are not shown, nor those
-//! where no particle arrives. `f_h` is the polynomial of each element along axes of a higher
-//! degree, and interpolated between centres along those of degree 0.
-//! The error of the density that follows from that of `f` is found by parts of space
-//! ([`SpaceParts`]).
+//! up to the scatter of particles and points. The errors of this module are those found, less
+//! [`STANDARD_ERRORS`] standard errors of the replicates: small errors are not shown. The error
+//! where `|f|` is smaller is that of [`RandomPoints`]. The error of the density that follows from
+//! that of `f` is found by parts of space ([`SpaceParts`]).
 
 use crate::base::error::Result;
-use crate::matrix::observables::CellVolumes;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
-use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells, coordinate};
-use crate::problem::potential::{Potential, is_one_piece};
-use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors};
+use crate::problem::grid::{PhaseSpace, box_cells};
+use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors, density_of_smeared, is_large};
 use crate::results::ledger::STANDARD_ERRORS;
-use crate::run::ledger::draw::{Particle, REPLICATES};
-use crate::run::ledger::space_parts::{ParticleSums, SpaceParts};
-use std::ops::Range;
+use crate::run::errors::ResultOnShare;
+use crate::run::particles::draw::REPLICATES;
+use crate::run::particles::point_values::{is_mixed, most_values, values_at};
+use crate::run::particles::random_points::{
+    POINTS_OF_REPLICATE, RandomPoints, is_seen, random_points,
+};
+use crate::run::particles::space_parts::{ParticleSums, SpaceParts};
 
-/// About the largest number of products by which `f_h` is evaluated, and the least number of
-/// particles of a replicate.
-const MOST_PRODUCTS: usize = 20_000_000;
+/// The least number of particles of a replicate at which `f_h` is evaluated.
 const LEAST_PARTICLES: usize = 16;
 /// Least number of replicates of which particles arrive.
 const LEAST_REPLICATES: usize = 12;
@@ -43,26 +43,29 @@ const MOST_SCATTER: f64 = 0.2;
 /// Arrivals that are traced back through cells in which `V` is approximated, on half as many.
 const TRACED: usize = 256;
 /// Number of numbers of an [`ArrivedParticle`].
-const NUMBERS: usize = 8;
+const NUMBERS: usize = 9;
 
 /// A particle that was in the box at the end.
 #[derive(Clone, Copy)]
-struct ArrivedParticle {
+pub struct ArrivedParticle {
     /// Its point then, `[x, y, z, vx, vy, vz]`.
-    point: [f64; 6],
-    mass: f64,
+    pub point: [f64; 6],
+    /// Its mass.
+    pub mass: f64,
     /// `f` along its path.
-    value: f64,
+    pub value: f64,
+    /// How many times jumps of `V` transmitted it.
+    pub transmissions: f64,
 }
 
 impl ArrivedParticle {
     fn numbers(&self) -> [f64; NUMBERS] {
         let [x, y, z, u, v, w] = self.point;
-        [x, y, z, u, v, w, self.mass, self.value]
+        [x, y, z, u, v, w, self.mass, self.value, self.transmissions]
     }
 
-    fn from_numbers([x, y, z, u, v, w, mass, value]: &[f64; NUMBERS]) -> Self {
-        Self { point: [*x, *y, *z, *u, *v, *w], mass: *mass, value: *value }
+    fn from_numbers(&[x, y, z, u, v, w, mass, value, transmissions]: &[f64; NUMBERS]) -> Self {
+        Self { point: [x, y, z, u, v, w], mass, value, transmissions }
     }
 }
 
@@ -88,22 +91,10 @@ pub struct DensityErrors {
     pub most: Option<f64>,
 }
 
-/// A result on a rank's share of its grid.
-pub struct ComparedResult<'a> {
-    /// The case on the grid of the results.
-    pub case: &'a Case,
-    /// Space cells of this rank, one range for each x-axis.
-    pub share: &'a [Range<usize>],
-    /// The first field, velocities fastest.
-    pub field: &'a [f64],
-    /// The density of that field in each of these space cells.
-    pub density: &'a [f64],
-}
-
 impl Arrivals {
-    /// Adds a `particle` of a `replicate` that arrived at `point` with a `mass`.
-    pub fn add(&mut self, replicate: usize, particle: &Particle, point: [f64; 6], mass: f64) {
-        self.by_replicate[replicate].push(ArrivedParticle { point, mass, value: particle.value });
+    /// Adds a particle of a `replicate`.
+    pub fn add(&mut self, replicate: usize, arrived: ArrivedParticle) {
+        self.by_replicate[replicate].push(arrived);
     }
 
     /// The arrivals of all ranks; `None` if they are of too few replicates. Collective.
@@ -133,14 +124,24 @@ impl Arrivals {
 
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
-    pub fn errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
+    pub fn errors(&self, result: &ResultOnShare<'_>) -> ParticleErrors {
         let field = if keeps_values(result.case) {
-            self.field_errors(world, result)
+            self.field_errors(result)
         } else {
             ParticleErrors::default()
         };
-        let DensityErrors { least, most } = self.density_errors(world, result, result.density);
+        let DensityErrors { least, most } = self.density_errors(result, &result.moments.density);
         ParticleErrors { density: least, density_most: most, ..field }
+    }
+
+    /// How many times jumps of `V` transmitted an arrived particle, as a mean over the masses.
+    pub fn transmissions(&self) -> f64 {
+        let (mut sum, mut all) = (0.0, 0.0);
+        for arrival in self.by_replicate.iter().flatten() {
+            sum += arrival.mass.abs() * arrival.transmissions;
+            all += arrival.mass.abs();
+        }
+        sum / all
     }
 
     /// About the relative L2 error of the values of some arrivals where `V` is approximated: what
@@ -186,35 +187,50 @@ impl GatheredArrivals {
         Some(difference / size).filter(|error| error.is_finite())
     }
 
-    /// The errors that follow from `f`, where `f ≠ 0`: `‖f_h − f‖ / ‖f‖` in L2 less the scatter,
-    /// the mean, and the error of the density that remains of it. Along axes of degree 0 beside
-    /// others `f_h` varies between centres by another rule than where errors are measured, so that
-    /// only the first is known. Collective.
-    fn field_errors(&self, world: &Group, result: &ComparedResult<'_>) -> ParticleErrors {
+    /// The errors that follow from `f`: `‖f_h − f‖ / ‖f‖` in L2 less the scatter, the mean, and the
+    /// error of the density that remains of it. Along axes of degree 0 beside others `f_h` varies
+    /// between centres by another rule than where errors are measured, so that only the first is
+    /// known. Collective.
+    fn field_errors(&self, result: &ResultOnShare<'_>) -> ParticleErrors {
         let all = &self.by_replicate;
         let space = &result.case.space;
         let most = (most_values(space) / REPLICATES).max(LEAST_PARTICLES);
         let step = all.iter().map(Vec::len).max().unwrap_or(0).div_ceil(most);
-        // Each replicate begins with another one, as arrivals are in the order of a curve.
+        // Each stands for as many. Each replicate begins with another one, as arrivals are in the
+        // order of a curve.
+        let heavier = |of: &ArrivedParticle| ArrivedParticle { mass: step as f64 * of.mass, ..*of };
         let some = |(replicate, of): (usize, &Vec<ArrivedParticle>)| {
-            of.iter().skip(replicate * step / all.len()).step_by(step).copied().collect()
+            of.iter().skip(replicate * step / all.len()).step_by(step).map(heavier).collect()
         };
         let chosen: Vec<Vec<ArrivedParticle>> = all.iter().enumerate().map(some).collect();
-        let points: Vec<[f64; 6]> = chosen.iter().flatten().map(|arrival| arrival.point).collect();
-        let mut values = values_at(world, result, &points).into_iter();
-        let parts = SpaceParts::for_particles(space, points.len());
+        let mut points: Vec<[f64; 6]> =
+            chosen.iter().flatten().map(|arrival| arrival.point).collect();
+        let arrived = points.len();
+        points.extend(random_points(space, POINTS_OF_REPLICATE.min(most) * all.len()));
+        let values = values_at(result, &points);
+        let parts = SpaceParts::for_particles(space, arrived);
         let mut by_part = vec![ParticleSums::default(); parts.count()];
-        let sums = chosen.iter().map(|of| {
-            let mut sums = ParticleSums::default();
-            for (ArrivedParticle { point, mass, value: exact }, value) in of.iter().zip(&mut values)
-            {
-                let own = ParticleSums::of(*mass, *exact, value);
-                sums += own;
-                by_part[parts.at(point)] += own;
+        let mut by_replicate = vec![ParticleSums::default(); all.len()];
+        let mut errors = vec![0.0; all.len()];
+        let mut found = values.iter();
+        for (replicate, of) in chosen.iter().enumerate() {
+            for (arrival, found) in of.iter().zip(&mut found) {
+                let ArrivedParticle { point, mass, value: exact, .. } = *arrival;
+                let own = ParticleSums::of(mass, exact, *found);
+                by_replicate[replicate] += own;
+                by_part[parts.at(&point)] += own;
+                errors[replicate] += if is_seen(exact, *found) { own.error } else { 0.0 };
             }
-            sums
-        });
-        let (errors, sizes): (Vec<f64>, Vec<f64>) = sums.map(|of| (of.error, of.size)).unzip();
+        }
+        let sizes: Vec<f64> = by_replicate.iter().map(|of| of.size).collect();
+        let size = sizes.iter().sum::<f64>() / all.len() as f64;
+        let points = RandomPoints { points: &points[arrived..], found: found.as_slice() };
+        let squares = points.squares_elsewhere(result.world, result.case, size);
+        // A replicate has as many points as another, and is an estimate by itself.
+        let of_replicate = squares.len() / all.len();
+        for (k, square) in squares.into_iter().enumerate() {
+            errors[k / of_replicate] += square / of_replicate as f64;
+        }
         let Some(shown) = ShownError::of(&errors, &sizes) else {
             return ParticleErrors::default();
         };
@@ -222,11 +238,13 @@ impl GatheredArrivals {
         if is_mixed(space) {
             return ParticleErrors { field, ..ParticleErrors::default() };
         }
+        let where_f_is: Vec<f64> = by_replicate.iter().map(|of| of.error).collect();
+        let of_whole = ShownError::of(&where_f_is, &sizes).and_then(|error| error.smeared(space));
         ParticleErrors {
             field,
             field_mean: shown.mean(),
             field_rough: Some(shown.rough),
-            density_smeared: parts.smeared(&by_part),
+            density_smeared: parts.smeared(&by_part).into_iter().chain(of_whole).reduce(f64::max),
             ..ParticleErrors::default()
         }
     }
@@ -244,14 +262,9 @@ impl GatheredArrivals {
 
     /// The relative errors of a `density` on the share of `result`, by the masses in parts of
     /// space and in all of it. Collective.
-    pub fn density_errors(
-        &self,
-        world: &Group,
-        result: &ComparedResult<'_>,
-        density: &[f64],
-    ) -> DensityErrors {
+    pub fn density_errors(&self, result: &ResultOnShare<'_>, density: &[f64]) -> DensityErrors {
         let all = &self.by_replicate;
-        let (space, share) = (&result.case.space, result.share);
+        let space = &result.case.space;
         let parts = SpaceParts::new(space, PARTS_OF_SPACE[space.dimension() - 1]);
         let count = parts.count();
         let mut masses_of = vec![vec![0.0; all.len()]; count];
@@ -266,11 +279,10 @@ impl GatheredArrivals {
         }
         // A part that no particle reached may have the mass of some.
         let of_particle = absolute / (arrived.max(1) * all.len()) as f64;
-        let volumes = CellVolumes::new(space, share);
-        let places: Vec<usize> = box_cells(share).map(|cell| parts.of_cell(&cell)).collect();
+        let places: Vec<usize> = box_cells(result.share).map(|cell| parts.of_cell(&cell)).collect();
         let (mut shown, mut size, mut total) = (0.0, 0.0, 0.0);
         let (mut square_of_most, mut square) = (0.0, 0.0);
-        let found = volumes.integrals_by_part(world, density, &places, count);
+        let found = result.volumes.integrals_by_part(result.world, density, &places, count);
         for (part, (masses, found)) in masses_of.iter().zip(found).enumerate() {
             let [expected, scatter] = mean(masses);
             let scatter = scatter.max(of_particle);
@@ -333,6 +345,12 @@ impl ShownError {
     pub fn mean(&self) -> Option<f64> {
         self.is_sharp.then_some(self.rough)
     }
+
+    /// The error of the density if this one of `f` is large, so that `f` was smeared out.
+    pub fn smeared(&self, space: &PhaseSpace) -> Option<f64> {
+        let large = self.mean().filter(|error| is_large(*error))?;
+        Some(density_of_smeared(space.whole_degree(), large))
+    }
 }
 
 /// A mean over the replicates, and its standard error.
@@ -343,153 +361,9 @@ fn mean(values: &[f64]) -> [f64; 2] {
     [mean, (squares / (count * (count - 1.0))).sqrt()]
 }
 
-/// Whether some axes have degree 0 and others do not.
-pub fn is_mixed(space: &PhaseSpace) -> bool {
-    let degrees = space.axes().filter(|axis| axis.cells > 1).map(|axis| axis.nodes.degree);
-    let (of_cells, of_elements): (Vec<_>, Vec<_>) = degrees.partition(|degree| *degree == 0);
-    !of_cells.is_empty() && !of_elements.is_empty()
-}
-
-/// About the largest number of points at which `f_h` is evaluated.
-pub fn most_values(space: &PhaseSpace) -> usize {
-    let products: usize = space.axes().map(|axis| axis.nodes.count().max(2)).product();
-    MOST_PRODUCTS / products
-}
-
-/// `f_h` at `points`, the same on all ranks. Collective.
-pub fn values_at(world: &Group, result: &ComparedResult<'_>, points: &[[f64; 6]]) -> Vec<f64> {
-    let space = &result.case.space;
-    let n = space.dimension();
-    let velocities = space.velocity_cells();
-    let faces = FacesWithJumps::new(result.case);
-    let corners = space.x.iter().filter(|axis| axis.nodes.degree == 0).count();
-    // Each part of a value is known on one rank.
-    let mut parts = vec![0.0; points.len() << corners];
-    for (point, parts) in points.iter().zip(parts.chunks_mut(1 << corners)) {
-        let of_axis = |k: usize| {
-            interpolation(space, k, point[coordinate(n, k)], |face| faces.at(point, k, face))
-        };
-        let along: Vec<Vec<(usize, f64)>> = (0..2 * n).map(of_axis).collect();
-        let of_velocity = products(&along[n..], |k| 0..space.v[k].cells);
-        for (corner, part) in parts.iter_mut().enumerate() {
-            // Of an axis of degree 0 a corner has one of two cells.
-            let mut bit = 0;
-            let entries = space.x.iter().zip(&along).map(|(axis, entries)| {
-                if axis.nodes.degree > 0 {
-                    return entries.clone();
-                }
-                let one = entries[corner >> bit & 1];
-                bit += 1;
-                vec![one]
-            });
-            let entries: Vec<Vec<(usize, f64)>> = entries.collect();
-            for (place, weight) in products(&entries, |k| result.share[k].clone()) {
-                let here = &result.field[place * velocities..][..velocities];
-                *part += weight * of_velocity.iter().map(|(v, w)| w * here[*v]).sum::<f64>();
-            }
-        }
-    }
-    world.gathered(parts).chunks(1 << corners).map(|parts| parts.iter().sum()).collect()
-}
-
-/// The faces of elements at which `V` jumps, so that `f` does.
-struct FacesWithJumps {
-    elements: PhaseSpace,
-    /// `V` in the elements; `None` where it does not jump, or is not known.
-    potential: Option<Potential>,
-}
-
-impl FacesWithJumps {
-    fn new(case: &Case) -> Self {
-        let elements = case.space.by_elements();
-        let has_cells = case.space.x.iter().any(|axis| axis.nodes.degree == 0);
-        let may_jump = !is_one_piece(&case.potential) || case.space.periodic.contains(&true);
-        // Where V is not finite on other cells, f counts as continuous.
-        let whole = || Potential::whole(&Case { space: elements.clone(), ..case.clone() }).ok();
-        let potential = if has_cells && may_jump { whole() } else { None };
-        Self { elements, potential }
-    }
-
-    /// Whether `V` jumps at the lower face of element `face` along axis `a` of space, in the
-    /// elements around `point` along the other axes.
-    fn at(&self, point: &[f64; 6], a: usize, face: usize) -> bool {
-        let n = self.elements.dimension();
-        let Some(potential) = self.potential.as_ref().filter(|_| a < n) else {
-            return false;
-        };
-        let mut element = [0; MAX_DIMENSION];
-        for (b, axis) in self.elements.x.iter().enumerate() {
-            element[b] = if b == a { face } else { axis.element_at(point[b]) };
-        }
-        potential.jump_below(&element[..n], a) != 0.0
-    }
-}
-
-/// The cells along axis `k` of the `2n` by which a function is interpolated at `x`, with weights.
-///
-/// An axis of degree 0 has two cells: the one around `x`, and its neighbour on the side of `x`. If
-/// `jumps` holds for the face between them, or an end of the box is there, the line through the
-/// cell and its other neighbour is continued.
-fn interpolation(
-    space: &PhaseSpace,
-    k: usize,
-    x: f64,
-    jumps: impl Fn(usize) -> bool,
-) -> Vec<(usize, f64)> {
-    let axis = space.axis(k);
-    let position = axis.position(x);
-    if axis.nodes.degree > 0 {
-        let element = axis.element_at(x);
-        let values = axis.nodes.reference().values_at(2.0 * (position - element as f64) - 1.0);
-        let first = element * axis.nodes.count();
-        return values.into_iter().enumerate().map(|(m, weight)| (first + m, weight)).collect();
-    }
-    let (own, n) = (axis.element_at(x), space.dimension());
-    let neighbour = |above: bool| {
-        let beside = if above { own as i64 + 1 } else { own as i64 - 1 };
-        let beside = match k.checked_sub(n) {
-            None => space.wrap(k, beside)?,
-            Some(_) => usize::try_from(beside).ok().filter(|j| *j < axis.cells)?,
-        };
-        let face = if above { beside } else { own };
-        (!jumps(face)).then_some(beside)
-    };
-    let from_centre = position - 0.5 - own as f64;
-    let ahead = from_centre > 0.0;
-    let part = from_centre.abs();
-    match (neighbour(ahead), neighbour(!ahead)) {
-        (Some(beside), _) => vec![(own, 1.0 - part), (beside, part)],
-        (None, Some(behind)) => vec![(own, 1.0 + part), (behind, -part)],
-        (None, None) => vec![(own, 1.0), (own, 0.0)],
-    }
-}
-
-/// Places and weights of the products of `entries`, one of each axis, in the row-major box of the
-/// `range` of each axis; without those that are not in it.
-fn products(
-    entries: &[Vec<(usize, f64)>],
-    range: impl Fn(usize) -> Range<usize>,
-) -> Vec<(usize, f64)> {
-    let mut found = vec![(0, 1.0)];
-    for (k, entries) in entries.iter().enumerate() {
-        let range = range(k);
-        let within: Vec<_> = entries.iter().filter(|(j, _)| range.contains(j)).collect();
-        found = (found.iter())
-            .flat_map(|(place, weight)| {
-                let next =
-                    |(j, w): &&(usize, f64)| (place * range.len() + (j - range.start), weight * w);
-                within.iter().map(next).collect::<Vec<_>>()
-            })
-            .collect();
-    }
-    found
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::element::Nodes;
-    use crate::problem::grid::Axis;
 
     /// Without a known size there is no relative error, and least of all one of 100 %.
     #[test]
@@ -531,32 +405,6 @@ mod tests {
         for size in [1e90, 1e-90] {
             let near = |(a, b): (f64, f64)| (a - b).abs() < 1e-12;
             assert!(found(size).into_iter().zip(expected).all(near), "{size}: {:?}", found(size));
-        }
-    }
-
-    fn value(space: &PhaseSpace, k: usize, x: f64, f: impl Fn(f64) -> f64) -> f64 {
-        let axis = space.axis(k);
-        let entries = interpolation(space, k, x, |face| k == 0 && face == JUMP);
-        entries.iter().map(|(j, w)| w * f(axis.centre(*j as i64))).sum()
-    }
-
-    /// The cell above a face at which functions jump in tests.
-    const JUMP: usize = 3;
-
-    /// Lines are interpolated between the centres of cells, and beyond them next to jumps and ends;
-    /// polynomials in the elements of their degree.
-    #[test]
-    fn polynomials_are_interpolated() {
-        let x = Axis::new(-1.0, 2.0, 7);
-        let v = Axis::new(-2.0, 1.0, 4).with_nodes(Nodes::of_velocity(3));
-        let space = PhaseSpace { x: vec![x], v: vec![v], periodic: [false; MAX_DIMENSION] };
-        let jump = space.x[0].face(JUMP as i64);
-        for at in [-0.99, -0.7, 0.1, 0.13, jump - 0.01, jump, jump + 0.01, 1.4, 2.0] {
-            let line = |x: f64| if x < jump { 3.0 - 2.0 * x } else { 7.0 + x };
-            assert!((value(&space, 0, at, line) - line(at)).abs() < 1e-13, "{at}");
-            let cubic = |v: f64| 1.0 + v * v * (v - 0.5);
-            let at = at - 1.001;
-            assert!((value(&space, 1, at, cubic) - cubic(at)).abs() < 1e-12, "{at}");
         }
     }
 
@@ -614,12 +462,13 @@ mod tests {
                     point: path.point,
                     mass: value,
                     value,
+                    transmissions: 0.0,
                 })
             };
             let arrivals: Vec<_> = starts.iter().zip(values).filter_map(arrived).collect();
             assert!(arrivals.len() > 150, "{}", arrivals.len());
             let (mut error, mut size) = (0.0, 0.0);
-            for ArrivedParticle { point, mass, value } in &arrivals {
+            for ArrivedParticle { point, mass, value, .. } in &arrivals {
                 let off = exact(point) - value;
                 error += mass / value * off * off;
                 size += mass * value;
@@ -630,12 +479,5 @@ mod tests {
             let ratio = estimate / error;
             assert!((0.3..3.0).contains(&ratio), "{estimate:e} {error:e}: {}", case.text);
         }
-    }
-
-    #[test]
-    fn products_leave_out_what_another_rank_has() {
-        let entries = [vec![(1, 0.25), (2, 0.75)], vec![(4, 0.5), (5, 0.5)]];
-        let found = products(&entries, |k| [2..4, 3..6][k].clone());
-        assert_eq!(found, [(1, 0.375), (2, 0.375)]);
     }
 }

@@ -1,0 +1,16 @@
+//! Particles of the exact flow. They tell the ledger what leaves the box, and show errors of the
+//! grid that the solution does not.
+//!
+//! They are drawn from the case's formulas ([`draw`]) and followed ([`tracking`]). Where they
+//! arrive, `f` and the masses are compared with the result ([`arrivals`]): by parts of space
+//! ([`space_parts`]), at random points where particles are few ([`random_points`]), and by random
+//! paths behind partial reflection ([`random_paths`]). [`point_values`] evaluates the result
+//! between its nodes.
+
+pub mod arrivals;
+pub mod draw;
+pub mod point_values;
+pub mod random_paths;
+pub mod random_points;
+pub mod space_parts;
+pub mod tracking;
