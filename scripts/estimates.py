@@ -67,7 +67,7 @@ STATED = {
 # The largest error of `f` that particles show, over the measured one.
 MOST_SHOWN = 1.6
 # The mean error of `f` by particles, where a run reports it, over the measured one.
-STATED_MEAN = (0.7, 1.8)
+STATED_MEAN = (0.55, 1.8)
 
 
 def scenes(wanted):

@@ -6,6 +6,7 @@ use crate::base::error::{Error, Result};
 use crate::base::log::eprint_wrapped;
 use crate::command::cli::{CaseArgs, Changes, Mode};
 use crate::parallel::communicator::World;
+use crate::problem::case::file::keys_of;
 use crate::problem::case::reader::{is_within, key_of, number_of};
 use crate::problem::case::{self, Case};
 use crate::problem::exported::ExportOwner;
@@ -15,7 +16,7 @@ use crate::results::untrusted;
 use crate::solve::checkpoint::store;
 use crate::study::files::refuse_to_replace_study;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Reads the case file and the tables that it names on rank 0, for all ranks. Collective.
@@ -125,7 +126,8 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
     let case = stored.case.as_ref().map_err(|e| wrong(e))?;
     let time = stored.time;
     let own = overrides(changes);
-    let keys: Vec<&str> = own.iter().map(|set| key_of(set)).collect();
+    let given: BTreeSet<String> = own.iter().flat_map(|set| keys_of(set)).collect();
+    let keys: Vec<&str> = given.iter().map(String::as_str).collect();
     let until = end_time(until, case, time, &keys)
         .map_err(|what| wrong(&format!("--until {until}: {what}")))?;
     if let Some(key) = keys.iter().find(|key| KEYS_OF_CONTINUATION.contains(key)) {
@@ -155,7 +157,7 @@ fn continuation(directory: &Path, until: &str, changes: &Changes) -> Result<Cont
     let without_exact = keys.iter().filter(|_| is_traced).find(|key| changes_paths(key));
     let without_exact = without_exact.map(|key| (*key).to_owned());
     let before = stored.overrides.iter().cloned();
-    let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set)));
+    let before = before.filter(|set| !KEYS_OF_CONTINUATION.contains(&key_of(set).as_str()));
     let (files, tables) = carried_tables(case, &stored.provenance, &keys);
     let overrides = before
         .chain(files)

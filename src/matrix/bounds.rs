@@ -100,6 +100,9 @@ pub struct Bounds {
     /// The value of [`traced_bytes`](Self::traced_bytes), once it was asked for.
     #[serde(skip)]
     pub traced: OnceLock<u64>,
+    /// That of [`traced_at_end_bytes`](Self::traced_at_end_bytes).
+    #[serde(skip)]
+    pub traced_at_end: OnceLock<u64>,
     /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
     /// is known.
     pub stages: usize,
@@ -139,6 +142,16 @@ fn allowed_growth(case: &Case, grows: bool) -> f64 {
         (true, _) => f64::INFINITY,
     };
     f64::max(weights, couplings) / case.duration()
+}
+
+/// Whether particles of `case` are followed, on the grid of its results.
+fn is_followed(case: &Case) -> bool {
+    case.follows_from_formulas() && grid(case).space_cells() <= MOST_EXAMINED
+}
+
+/// [`traced_bytes`] on the grid of the results of `case`.
+fn shown_traced_bytes(case: &Case, most: MostCells) -> u64 {
+    traced_bytes(&Case { space: grid(case), ..case.clone() }, most)
 }
 
 impl Bounds {
@@ -189,6 +202,7 @@ impl Bounds {
             jumps_across,
             kinds: kinds.len(),
             traced: OnceLock::new(),
+            traced_at_end: OnceLock::new(),
             stages: 0,
             assembled: None,
             weighted: grows && case.warp.weights && case.method == Method::Schrodingerized,
@@ -213,16 +227,18 @@ impl Bounds {
     /// Memory of `V` on every rank while it traces particles of `case`, to which the bounds belong,
     /// in bytes: for the exact solution, or only for the estimates of the ledger.
     pub fn traced_bytes(&self, case: &Case) -> u64 {
-        *self.traced.get_or_init(|| {
-            let space = grid(case);
-            let most = match case.exact {
-                Some(Exact::Characteristics) => MostCells::EXACT,
-                _ if !case.follows_from_formulas() || space.space_cells() > MOST_EXAMINED => {
-                    return 0;
-                }
-                _ => MostCells::ESTIMATES,
-            };
-            traced_bytes(&Case { space, ..case.clone() }, most)
+        *self.traced.get_or_init(|| match case.exact {
+            Some(Exact::Characteristics) => shown_traced_bytes(case, MostCells::EXACT),
+            _ if !is_followed(case) => 0,
+            _ => shown_traced_bytes(case, MostCells::ESTIMATES),
+        })
+    }
+
+    /// The same while it traces paths back from the result of `case`, for the errors by particles.
+    pub fn traced_at_end_bytes(&self, case: &Case) -> u64 {
+        *self.traced_at_end.get_or_init(|| {
+            let is_traced = is_followed(case) && !case.is_measure_valued();
+            if is_traced { shown_traced_bytes(case, MostCells::ESTIMATES) } else { 0 }
         })
     }
 
@@ -356,6 +372,7 @@ mod tests {
                 weighted: true,
                 inflow: false,
                 traced: OnceLock::new(),
+                traced_at_end: OnceLock::new(),
                 stages: 0,
                 assembled: None,
             };

@@ -265,6 +265,26 @@ impl CellVolumes {
         self.space[i / nv] * self.velocity[i % nv]
     }
 
+    /// `∫ f²` in each space cell of the share.
+    pub fn squares(&self, f: &[f64]) -> Vec<f64> {
+        let velocities = self.velocity.len();
+        let square = |(c, part): (usize, &f64)| {
+            let values = &f[c * velocities..][..velocities];
+            let sum: f64 = values.iter().zip(&self.velocity).map(|(f, w)| w * f * f).sum();
+            self.mean * part * sum
+        };
+        self.space.iter().enumerate().map(square).collect()
+    }
+
+    /// `∫ f²` over phase space, and `∫ g²` over space of a `g` on the share. Collective over
+    /// `world`.
+    pub fn square_integrals(&self, world: &Group, f: &[f64], g: &[f64]) -> [f64; 2] {
+        let squares = self.squares(f);
+        let cells = squares.iter().zip(g).zip(&self.space);
+        let terms = cells.map(|((f, g), part)| [*f, self.mean_space * part * g * g]);
+        world.sum_lanes(self.space_cells, terms)
+    }
+
     /// Integrals over space of the functions whose values at space cell `c` of the share are
     /// `values(c)`. Collective over `world`.
     pub fn integrals<const N: usize>(

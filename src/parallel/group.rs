@@ -247,7 +247,8 @@ impl Group {
         self.agree(if self.is_first() { work() } else { Ok(T::default()) })
     }
 
-    /// What `work` finds on the first rank, on every rank. Collective.
+    /// What `work` finds on the first rank, on every rank. It holds neither infinity nor NaN, as it
+    /// is sent as JSON. Collective.
     ///
     /// # Errors
     /// As `work`, the same on all ranks.

@@ -24,7 +24,7 @@ use std::ops::Range;
 
 /// Bytes that the program and its libraries allocate, with buffers of HDF5 and MPI. It is the rest
 /// of the peaks in the table of `docs/reliability.md`, without pages of files.
-const PROGRAM_BYTES: u64 = 5 << 20;
+const PROGRAM_BYTES: u64 = 6 << 20;
 
 /// Bytes that MPI allocates in addition on several ranks.
 const EXCHANGE_BYTES: u64 = 1 << 20;
@@ -181,10 +181,9 @@ pub(crate) fn arrays(work: PlannedWork<'_>, mesh: &ProcessMesh, most: usize) -> 
     let results = rank.results(warp);
     let mut expanding: Vec<NamedBytes> = results.iter().cloned().chain(rank.expanded()).collect();
     let writing = [rank.writing(), expanding.clone()].concat();
-    if case.space.whole_degree() > 0 && case.traces_exact() {
-        // Their errors are integrals, for which the exact solution is traced once more.
-        expanding.push(rank.traced());
-    }
+    // Their errors are integrals, for which the exact solution is traced once more.
+    let has_integrals = case.space.whole_degree() > 0 && case.traces_exact();
+    expanding.push(if has_integrals { rank.traced() } else { rank.traced_at_end() });
     let estimating = results.into_iter().chain(rank.estimate()).collect();
     let bytes = |list: &Vec<NamedBytes>| -> u64 { list.iter().map(|a| a.bytes).sum() };
     let lists = [expanding, estimating, solving, vec![rank.traced()]];
@@ -561,6 +560,17 @@ impl<'a> FullestRank<'a> {
     /// What traces particles of the exact flow: the whole potential, on every rank.
     fn traced(&self) -> NamedBytes {
         NamedBytes::new("potential of the exact flow", self.bounds.traced_bytes(self.case))
+    }
+
+    /// What traces paths back from nodes of the result, and the squares of `f` by which these are
+    /// drawn.
+    fn traced_at_end(&self) -> NamedBytes {
+        let squares = 2 * 8 * grid(self.case).space_cells() as u64;
+        let bytes = match self.bounds.traced_at_end_bytes(self.case) {
+            0 => 0,
+            bytes => bytes + squares,
+        };
+        NamedBytes::new("potential of the exact flow", bytes)
     }
 
     /// Numbers that are stored for a field at a point of space, at each output time: its moments,

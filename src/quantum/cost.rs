@@ -94,8 +94,8 @@ pub struct Cost {
 
 impl Cost {
     /// The access of these that takes the fewest gates until the field is measured.
-    pub fn least_of(costs: &[Self]) -> Option<&Self> {
-        costs.iter().min_by(|a, b| a.least().total_cmp(&b.least()))
+    pub fn least_of<'a>(costs: impl IntoIterator<Item = &'a Self>) -> Option<&'a Self> {
+        costs.into_iter().min_by(|a, b| a.least().total_cmp(&b.least()))
     }
 
     /// The sequence with fewer gates.
@@ -135,8 +135,7 @@ impl ModeWeightsCost {
     /// circuits of many modes.
     pub fn of(costs: &[Cost]) -> Option<Self> {
         let least = |wanted: &dyn Fn(&Access) -> bool| {
-            let all = costs.iter().filter(|cost| wanted(&cost.access));
-            all.min_by(|a, b| a.least().total_cmp(&b.least())).map(Cost::measured)
+            Cost::least_of(costs.iter().filter(|cost| wanted(&cost.access))).map(Cost::measured)
         };
         let sum = least(&|access| matches!(access, Access::Circuit(_)))?;
         let rotations = least(&|access| matches!(access, Access::Rotated(_)))?;

@@ -339,7 +339,7 @@ impl ResourceCounts {
     /// Gates until the field is measured, by the access that takes the fewest; infinite where there
     /// is no number.
     pub fn least_gates(&self) -> f64 {
-        self.by_access.costs.iter().map(Cost::least).fold(f64::INFINITY, f64::min)
+        Cost::least_of(&self.by_access.costs).map_or(f64::INFINITY, Cost::least)
     }
 
     /// Why these gates are not to be compared with those of a set-up within the tolerance; `None`

@@ -63,9 +63,9 @@ pub struct EstimatedErrors {
     /// That of the density as its own coefficients show it, with elements. The error of `f` may
     /// be smeared out there, so that `grid` counts more.
     pub density_shown: Option<f64>,
-    /// With velocity cells of degree 0: the largest error that a jump of `V` adds to what it
-    /// transmits, by interpolation or overlap between cells, relative to `f` in L2.
-    pub interpolation: Option<f64>,
+    /// With velocity cells of degree 0: the largest error that a jump of `V` adds, by interpolation
+    /// or overlap between cells, relative to `f` in L2, by velocity axis.
+    pub interpolation: Option<[f64; MAX_DIMENSION]>,
 }
 
 impl EstimatedErrors {
@@ -94,11 +94,13 @@ impl EstimatedErrors {
         Self { grid: GridErrorPair { field, density }, ..self }
     }
 
-    /// These errors, but at least what jumps of `V` add that transmitted `f` so many times on
-    /// average. The other estimates do not see it, as in a steady gas, which does not vary in
-    /// space.
-    pub fn raise_to_transmissions(self, transmissions: f64) -> Self {
-        let added = self.interpolation.map_or(0.0, |error| (error * transmissions).min(1.0));
+    /// These errors, but at least what jumps of `V` add that smeared `f` out so many times along
+    /// each velocity axis. The other estimates do not see it, as in a steady gas, which does not
+    /// vary in space.
+    pub fn raise_to_smearing(self, times: [f64; MAX_DIMENSION]) -> Self {
+        let by_axis = self.interpolation.unwrap_or_default();
+        let added: f64 = by_axis.iter().zip(times).map(|(error, times)| error * times).sum();
+        let added = if added.is_finite() { added.min(1.0) } else { 0.0 };
         let GridErrorPair { field, density } = self.grid;
         let field = field.map(|error| error.max(added));
         let density = density.map(|error| error.max(INTERPOLATED_DENSITY * added));

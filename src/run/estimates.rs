@@ -23,7 +23,7 @@ use crate::matrix::projection::legendre_transform;
 use crate::parallel::communicator::{GhostExchange, Group};
 use crate::parallel::partition::{Block, LocalIndex};
 use crate::problem::case::Case;
-use crate::problem::grid::{Axis, Cell, PhaseSpace};
+use crate::problem::grid::{Axis, Cell, MAX_DIMENSION, PhaseSpace};
 use crate::problem::potential::resolution::largest_differences_on_elements;
 use crate::propagate::limiter::half_difference;
 use crate::results::accuracy::{EstimatedErrors, GridErrorPair, smeared_density};
@@ -59,7 +59,7 @@ pub fn of_the_grid(prepared: &mut Prepared, f: &[f64]) -> Result<EstimatedErrors
     // Memory that the solve freed goes back before the vectors of the estimate are allocated.
     memory::give_back();
     let with_elements = space.whole_degree() > 0;
-    let interpolates = space.v.iter().any(|axis| axis.nodes.degree == 0 && axis.cells > 2);
+    let interpolates = space.v.iter().any(|axis| axis.nodes.degree == 0);
     let mut found = [0.0; 2];
     if !with_elements || space.axes().any(|axis| axis.nodes.degree == 0 && axis.cells > 1) {
         found = by_transport(prepared, f)?;
@@ -123,26 +123,29 @@ pub fn density_cancels(result: &ResultOnShare<'_>) -> bool {
 }
 
 /// A bound on the relative L2 error of linear interpolation of `f` between the velocities, by its
-/// second differences: `‖δ² f‖/8 / ‖f‖`, summed over the velocity axes of degree 0. Data that are
+/// second differences: `‖δ² f‖/8 / ‖f‖` along each velocity axis of degree 0. Data that are
 /// constant or linear in `v` have none, so that the law at jumps is exact for them. Laws that
 /// distribute `f` among cells by overlap have the same bound: a shift by `θ` cells adds
 /// `θ (1 − θ)/2 δ² f`. Collective.
-fn interpolation_error(prepared: &Prepared, f: &[f64]) -> f64 {
+fn interpolation_error(prepared: &Prepared, f: &[f64]) -> [f64; MAX_DIMENSION] {
     let (world, space) = (&prepared.communicator.world, &prepared.case.space);
     let volumes = volumes_of(prepared);
     let n = space.dimension();
     let strides: Vec<usize> = (n..2 * n).map(|axis| space.stride(axis)).collect();
-    let [errors, squares] = volumes.sums(world, |i| {
-        let along = space.v.iter().zip(&strides).map(|(axis, stride)| {
+    // The last is that of f.
+    let sums: [f64; MAX_DIMENSION + 1] = volumes.sums(world, |i| {
+        let mut squares = [0.0; MAX_DIMENSION + 1];
+        for ((square, axis), stride) in squares.iter_mut().zip(&space.v).zip(&strides) {
             let j = i / stride % axis.cells;
-            if j == 0 || j + 1 == axis.cells || axis.nodes.degree > 0 {
-                return 0.0;
+            if 0 < j && j + 1 < axis.cells && axis.nodes.degree == 0 {
+                let difference = f[i - stride] - 2.0 * f[i] + f[i + stride];
+                *square = (difference / 8.0).powi(2);
             }
-            (f[i - stride] - 2.0 * f[i] + f[i + stride]).abs() / 8.0
-        });
-        [along.sum::<f64>().powi(2), f[i] * f[i]]
+        }
+        squares[MAX_DIMENSION] = f[i] * f[i];
+        squares
     });
-    (errors / squares).sqrt()
+    std::array::from_fn(|a| (sums[a] / sums[MAX_DIMENSION]).sqrt())
 }
 
 /// `T ‖D f‖ / ‖f‖` along the axes of degree 0, and the same for the integrals over the velocities.
@@ -164,9 +167,8 @@ fn by_transport(prepared: &mut Prepared, f: &[f64]) -> Result<[f64; 2]> {
     let volumes = CellVolumes::new(space, &rank_cells.share);
     let factors = VelocityFactors::new(space);
     let norms = |f: &[f64]| -> [f64; 2] {
-        let squares: Vec<f64> = factors.at_points(f).map(|sums| sums[0] * sums[0]).collect();
-        let square = [volumes.sum(world, |i| f[i] * f[i]), volumes.integral(world, &squares)];
-        square.map(f64::sqrt)
+        let density: Vec<f64> = factors.at_points(f).map(|sums| sums[0]).collect();
+        volumes.square_integrals(world, f, &density).map(f64::sqrt)
     };
     let (mut added_term, mut error) = (vec![0.0; block.cells()], [0.0; 2]);
     let (mut corrections, mut along) = (vec![0.0; matrix.length()], vec![0.0; block.cells()]);

@@ -134,7 +134,7 @@ impl ExactTask<'_> {
         watch: &mut ExactWatch,
     ) -> Result<AtTime> {
         /// Cells of space between which the progress is reported.
-        const POINTS_IN_ALL: usize = 64;
+        const CELLS_AT_ONCE: usize = 64;
         let Self { world, case, rank_cells, .. } = *self;
         let space = &case.space;
         let values = match values_of {
@@ -168,7 +168,7 @@ impl ExactTask<'_> {
             None => {
                 let mut found = Vec::new();
                 let cells: Vec<_> = box_cells(&rank_cells.share).collect();
-                for cells in cells.chunks(POINTS_IN_ALL) {
+                for cells in cells.chunks(CELLS_AT_ONCE) {
                     if self.in_time().is_err() {
                         break;
                     }

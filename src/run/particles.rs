@@ -3,14 +3,14 @@
 //!
 //! They are drawn from the case's formulas ([`draw`]) and followed ([`tracking`]). Where they
 //! arrive, `f` and the masses are compared with the result ([`arrivals`]): by parts of space
-//! ([`space_parts`]), at random points where particles are few ([`random_points`]), and by random
+//! ([`space_parts`]), at nodes where particles are few ([`drawn_nodes`]), and by random
 //! paths behind partial reflection ([`random_paths`]). [`point_values`] evaluates the result
 //! between its nodes.
 
 pub mod arrivals;
 pub mod draw;
+pub mod drawn_nodes;
 pub mod point_values;
 pub mod random_paths;
-pub mod random_points;
 pub mod space_parts;
 pub mod tracking;

@@ -7,6 +7,7 @@ use crate::parallel::communicator::World;
 use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Exact};
+use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::results::accuracy::{EstimatedErrors, ParticleErrors, is_large};
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::finished::{is_finished, refuse_to_replace};
@@ -261,14 +262,14 @@ impl<'a> Driver<'a> {
     }
 
     /// Puts the errors of `result` that particles show into the summary, and that of the exact
-    /// density with which it was compared. Returns the transmissions of an arrived particle at
-    /// jumps of `V`, if any are known. Collective.
+    /// density with which it was compared. Returns how often jumps of `V` smeared an arrived
+    /// particle out along each velocity axis, if that is known. Collective.
     fn compare_with_particles(
         &mut self,
         arrivals: &Arrivals,
         result: &ResultOnShare<'_>,
         exact: &ExactRun,
-    ) -> Option<f64> {
+    ) -> Option<[f64; MAX_DIMENSION]> {
         let case = result.case;
         let mut by_paths = ParticleErrors::default();
         if self.output.is_some() && case.reflects() && case.follows_from_formulas() {
@@ -277,7 +278,7 @@ impl<'a> Driver<'a> {
         }
         self.summary.accuracy.particles = by_paths;
         let arrivals = arrivals.gathered(result.world)?;
-        let transmissions = arrivals.transmissions();
+        let smearing = arrivals.smearing;
         // Where V is not finite on other cells, that error is not known.
         let traced = arrivals.tracing_error(case).unwrap_or(None);
         let particles = arrivals.errors(result).beyond_tracing(traced.unwrap_or(0.0));
@@ -295,7 +296,7 @@ impl<'a> Driver<'a> {
             of_exact.map(|traced| arrivals.error_of_exact(case, traced));
         // Measure-valued data, and densities that cancel, have no such error.
         let Some(known) = self.summary.exact_density_error else {
-            return Some(transmissions);
+            return Some(smearing);
         };
         let space = &case.space;
         let shown = match exact.moments.last() {
@@ -311,27 +312,34 @@ impl<'a> Driver<'a> {
                 .filter(|error| is_large(*error)),
         };
         self.summary.exact_density_error = Some(shown.map_or(known, |shown| known.max(shown)));
-        Some(transmissions)
+        Some(smearing)
     }
 
     /// The `estimated` errors with what particles, the interface law and the elements' `V` say of
-    /// them. Particles were transmitted at jumps of `V` so many times; once if that is not known
-    /// and there are jumps. Collective.
+    /// them. `smearing` by jumps of `V`, if it is not known, counts once along axes with jumps.
+    /// Collective.
     fn corrected(
         &self,
         estimated: EstimatedErrors,
         result: &ResultOnShare<'_>,
-        transmissions: Option<f64>,
+        smearing: Option<[f64; MAX_DIMENSION]>,
     ) -> EstimatedErrors {
         let ledger = self.summary.ledger.as_ref();
-        let by_interface = ledger.and_then(|of| of.interface_share(estimated.interpolation));
-        let has_jumps = ledger.is_some_and(|of| !of.jumps.is_empty());
-        let transmissions = transmissions.unwrap_or(f64::from(u8::from(has_jumps)));
+        let interpolation = estimated.interpolation.map(|by_axis| by_axis.iter().sum());
+        let by_interface = ledger.and_then(|of| of.interface_share(interpolation));
+        let at_most_once = || {
+            let names = axis_names(result.case.space.dimension());
+            let jumps =
+                |axis: &str| ledger.is_some_and(|of| of.jumps.iter().any(|j| j.axis == axis));
+            std::array::from_fn(|a| {
+                f64::from(u8::from(names.get(a).is_some_and(|name| jumps(name))))
+            })
+        };
         let particles = self.summary.accuracy.particles;
         let mut corrected = estimated
             .limit_by_particle_mean(particles.field_mean)
             .raise_to_interface_share(by_interface.unwrap_or(0.0))
-            .raise_to_transmissions(transmissions);
+            .raise_to_smearing(smearing.unwrap_or_else(at_most_once));
         if estimates::density_cancels(result) {
             corrected = corrected.without_density();
         }
@@ -364,7 +372,7 @@ impl<'a> Driver<'a> {
             field: &results.fields[0],
             moments: &results.moments,
         };
-        let transmissions = self.compare_with_particles(&start.arrivals, &result, &exact);
+        let smearing = self.compare_with_particles(&start.arrivals, &result, &exact);
         self.log.warn_later(self.summary.exact_field_warning());
         let by_formula = matches!(case.exact, Some(Exact::Formula(_)));
         self.log.warn_later(self.summary.exact_density_warning(by_formula));
@@ -376,7 +384,7 @@ impl<'a> Driver<'a> {
             self.log.watch.lap("readout");
         }
         self.summary.fill(&prepared, &self.log);
-        let estimated = self.corrected(compared.estimated, &result, transmissions);
+        let estimated = self.corrected(compared.estimated, &result, smearing);
         self.summary.judge(&prepared.case, estimated);
         Solution {
             case,

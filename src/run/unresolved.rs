@@ -148,8 +148,9 @@ fn idle_reflections(case: &Case) -> Vec<String> {
     let idle = idle.filter(|(i, region)| reflects(region) && !higher.contains(i));
     let warning = |(i, _): (usize, &Region)| {
         format!(
-            "potential.{i}.reflection has no effect: no jump of V goes down from this region, and \
-             the reflection at a jump is that of its higher side"
+            "potential.{i}.reflection reflects nothing: no jump of V goes down from this region, \
+             and the reflection at a jump is that of its higher side; leave it out, as with it \
+             jumps are matched by energy and outflow is not estimated where something enters"
         )
     };
     idle.map(warning).collect()

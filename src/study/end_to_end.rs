@@ -54,7 +54,7 @@ use crate::study::end_to_end::traced::{BATCH, DensityAtPoint, MOST_SAMPLED, Trac
 use crate::study::grids::{cells, degree_settings, of_degree};
 
 /// Units of progress: two units a degree and scheme, and one for slopes.
-const UNITS: usize = 21;
+const UNITS: usize = 4 * (*DEGREES.end() - *DEGREES.start() + 1) + 1;
 /// A density that is a smaller part of the mean one than this is refused.
 const LEAST_SHARE: f64 = 1e-3;
 /// The reason why nothing is traced where `V` reflects in part.

@@ -8,6 +8,7 @@ use crate::support::{
 use phasewarp::base::text::{one_digit, rounded_down, short};
 use serde_json::Value;
 use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 const CLASSICAL: &str = "solver.method=classical";
 
@@ -51,7 +52,7 @@ const OF_ELEMENTS: EstimateBounds = EstimateBounds { field: [0.4, 9.0], density:
 const OF_MIXED: EstimateBounds = EstimateBounds { field: [0.35, 8.0], density: [0.15, 30.0] };
 
 /// The allowed ratio of the mean that particles show to the error of `f`.
-const OF_MEAN: [f64; 2] = [0.7, 1.8];
+const OF_MEAN: [f64; 2] = [0.55, 1.8];
 
 /// A case, settings of its grid, and the bounds on its estimates.
 type EstimateRow = (&'static str, Vec<String>, &'static EstimateBounds);
@@ -175,7 +176,8 @@ fn fronts_at_open_ends_are_counted_in_the_density() {
 /// for discontinuous data, on coarse and on fine grids.
 #[test]
 fn estimates_of_the_grid_error_have_its_size() {
-    check_all(&estimate_rows(), |(name, settings, bounds)| {
+    let (rows, means) = (estimate_rows(), AtomicUsize::new(0));
+    check_all(&rows, |(name, settings, bounds)| {
         let summary = of_the_grid(name, settings).summary()?;
         let value = |key: &str| accuracy(&summary.value, key);
         let within = |what: &str, error: f64, estimate: f64, [least, most]: [f64; 2]| {
@@ -189,8 +191,10 @@ fn estimates_of_the_grid_error_have_its_size() {
         if error <= 0.8 {
             within("f", error, value("grid_estimate")?, bounds.field)?;
         }
-        let by_particles = summary.value["accuracy"]["particles"]["field_mean"].as_f64();
-        by_particles.map_or(Ok(()), |mean| within("f by particles", error, mean, OF_MEAN))?;
+        if let Some(mean) = summary.value["accuracy"]["particles"]["field_mean"].as_f64() {
+            means.fetch_add(1, Ordering::Relaxed);
+            within("f by particles", error, mean, OF_MEAN)?;
+        }
         if (0.01..=0.8).contains(&density) {
             within("density", density, value("grid_density_estimate")?, bounds.density)?;
         }
@@ -199,6 +203,71 @@ fn estimates_of_the_grid_error_have_its_size() {
         let as_expected = printed["grid_measured"] == true && printed["under_resolved"] == large;
         summary.require(as_expected && printed["asked"].is_null(), || format!("{printed}"))
     });
+    let means = means.into_inner();
+    assert!(2 * means > rows.len(), "{means} means by particles of {} rows", rows.len());
+}
+
+/// Data that fill a small part of phase space are smeared out into the rest. Particles and nodes
+/// show how much, in two dimensions, too.
+#[test]
+fn small_data_have_right_means_by_particles() {
+    let packet = |c: usize| {
+        format!(
+            "initial.f = \"exp(-((x + 0.3)^2 + (y - 0.2)^2)/0.02 - ((vx - 0.4)^2 + vy^2)/0.05)\"\n\
+             exact.kind = \"characteristics\"\ntime.end = 0.8\n\
+             potential = [{{ where = \"x > 0.1\", value = 0.05 }}, {{ value = 0 }}]\n\
+             [[axis]]\nx = {{ lower = -1, upper = 1, cells = {c} }}\n\
+             v = {{ lower = -1, upper = 1, cells = {c} }}\n\
+             [[axis]]\nx = {{ lower = -1, upper = 1, cells = {c} }}\n\
+             v = {{ lower = -1, upper = 1, cells = {c} }}\n"
+        )
+    };
+    check_all(&[(0, 20), (1, 10), (2, 8)], |(degree, cells)| {
+        let place = directory();
+        let path = written(place.path(), &packet(*cells))?;
+        let degree = format!("scheme.degree={degree}");
+        let job = Job::new(["run", &path]).set(&[&degree, CLASSICAL]).on(2);
+        let summary = job.solve(&place.path().join("results"))?;
+        let error = accuracy(&summary.value, "grid")?;
+        let mean = summary.value["accuracy"]["particles"]["field_mean"].as_f64();
+        let mean = mean.ok_or("no mean by particles")?;
+        let ratio = mean / error;
+        let right = (OF_MEAN[0]..=OF_MEAN[1]).contains(&ratio);
+        summary.require(right, || format!("{ratio} of the error, {error:e}"))
+    });
+}
+
+/// A gas in equilibrium. Velocities along which `V` does not jump add nothing to its error, however
+/// few they are; a jump smears out what it transmits, and a wall on a box that is symmetric about
+/// `v = 0` nothing.
+#[test]
+fn only_jumps_that_transmit_smear_velocities_out() {
+    let gas = |height: f64, more: &str| {
+        format!(
+            "initial.f = \"exp(-(vx^2/2 + ({height} if x > 0.5 else 0){more})/0.05)\"\n\
+             time.end = 2\n\
+             potential = [{{ where = \"x > 0.5\", value = {height} }}, {{ value = 0 }}]\n\
+             [[axis]]\nx = {{ lower = 0, upper = 1, cells = 10, boundary = \"periodic\" }}\n\
+             v = {{ lower = -1.5, upper = 1.5, cells = 30 }}\n"
+        )
+    };
+    let second = |cells: usize| {
+        format!(
+            "[[axis]]\nx = {{ lower = 0, upper = 1, cells = 2, boundary = \"periodic\" }}\n\
+             v = {{ lower = -1.5, upper = 1.5, cells = {cells} }}\n"
+        )
+    };
+    let estimate = |text: &str| {
+        let place = directory();
+        let path = written(place.path(), text).unwrap();
+        let job = Job::new(["run", &path]).set(&[CLASSICAL, "scheme.interface=conservative"]);
+        let summary = job.solve(&place.path().join("results")).unwrap();
+        accuracy(&summary.value, "grid_estimate").unwrap()
+    };
+    let [step, wall] = [0.03, 5.0].map(|height| estimate(&gas(height, "")));
+    let [few, many] = [6, 12].map(|cells| estimate(&(gas(5.0, " + vy^2/2") + &second(cells))));
+    let right = step > 0.003 && [wall, few, many].iter().all(|error| *error < 1e-4);
+    assert!(right, "{step:e} {wall:e} {few:e} {many:e}");
 }
 
 /// A run with a required accuracy of the density reports whether it is met; the report has both

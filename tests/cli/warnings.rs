@@ -246,8 +246,8 @@ fn keys_without_effect_and_zero_data_give_a_warning() {
     let rows: &[(&[&str], &str, bool)] = &[
         (own, "scheme.degree has no effect", true),
         (&own[..2], "scheme.degree has no effect", false),
-        (&["potential.1.reflection=0.5"], "potential.1.reflection has no effect", true),
-        (&["potential.0.reflection=0.5"], "reflection has no effect", false),
+        (&["potential.1.reflection=0.5"], "potential.1.reflection reflects nothing", true),
+        (&["potential.0.reflection=0.5"], "reflection reflects nothing", false),
         (&["output.moments_every=2"], "output.moments_every = 2 has no effect: no multiple", true),
         (&["output.moments_every=1"], "and time.end = 1; below 1 there is one", true),
         (&["output.moments_every=0.9"], "moments_every", false),

@@ -3,30 +3,12 @@
 use crate::bits::report_bits;
 use crate::dense_twins::Twin;
 use crate::pieces::{Piece, Weighted, meshes, one_block};
-use crate::support::dense::Dense;
-use faer::{Mat, Side};
-use num_complex::Complex64;
+use crate::support::dense::{Dense, ends_of_spectrum};
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::matrix::bounds::SpectralInterval;
 use phasewarp::parallel::communicator::{GhostExchange, Group, World};
 use phasewarp::solve::spectrum::SymmetricPart;
-
-/// The least and the largest eigenvalue of `μS + iK`.
-pub fn ends_of_spectrum(s: &Dense, k: &Dense, mu: f64) -> [f64; 2] {
-    let h = Mat::from_fn(s.size, s.size, |i, j| Complex64::new(mu * s.at(i, j), k.at(i, j)));
-    let values = h.self_adjoint_eigenvalues(Side::Lower);
-    let values = values.expect("the eigenvalues of a Hermitian matrix");
-    [values[0], values[values.len() - 1]]
-}
-
-/// The least and the largest eigenvalue of `S`.
-pub fn ends_of_symmetric(s: &Dense) -> [f64; 2] {
-    let s = Mat::from_fn(s.size, s.size, |i, j| s.at(i, j));
-    let values = s.self_adjoint_eigenvalues(Side::Lower);
-    let values = values.expect("the eigenvalues of a symmetric matrix");
-    [values[0], values[values.len() - 1]]
-}
 
 /// The spectrum of `μS + iK` lies in the interval of the Chebyshev series, which depends on the
 /// known growth.
@@ -97,7 +79,7 @@ pub fn extreme_eigenvalues(world: &World) {
                 });
             }
             for (k, system) in systems.iter_mut().enumerate() {
-                let exact = *exact[k].get_or_insert_with(|| ends_of_symmetric(&system.s));
+                let exact = *exact[k].get_or_insert_with(|| system.s.ends_of_spectrum());
                 let name = format!("{}, {mesh:?}, weights {}", twin.name, k == 1);
                 let found = system.check(&piece.communicator.space, terms, exact, &name);
                 let name = format!("spectrum of {}, weights {}", twin.name, k == 1);

@@ -4,7 +4,6 @@
 use crate::bits::report_bits;
 use crate::dense_twins::Twin;
 use crate::pieces::{Piece, Weighted, meshes};
-use crate::spectrum::ends_of_symmetric;
 use crate::support::dense::Dense;
 use phasewarp::matrix::observables::CellVolumes;
 use phasewarp::matrix::weights::Weights;
@@ -34,7 +33,7 @@ pub fn dissipative_weights(world: &World) {
             claims_hold(&twin, &weighted, &name);
             weights_of_auxiliary_unknowns(&twin, &weighted, &name);
             let highest = *highest
-                .get_or_insert_with(|| ends_of_symmetric(&weighted.generator.symmetric())[1]);
+                .get_or_insert_with(|| weighted.generator.symmetric().ends_of_spectrum()[1]);
             certified_growth(&twin, &weighted, highest, &name);
             compared_with_none(world, &twin, &mesh, &weighted);
         }
@@ -141,7 +140,7 @@ pub fn volumes(world: &World) {
             let spread = (most / least).sqrt();
             assert!((weights.spread / spread - 1.0).abs() < 1e-14, "{name}: {spread}");
             let highest = *highest
-                .get_or_insert_with(|| ends_of_symmetric(&weighted.generator.symmetric())[1]);
+                .get_or_insert_with(|| weighted.generator.symmetric().ends_of_spectrum()[1]);
             let allowed = weighted.prepared.bounds.growth;
             let round_off = 1e-13 * weighted.generator.largest();
             assert!(highest <= allowed + round_off, "{name}: {highest} {allowed}");

@@ -1,6 +1,7 @@
 //! Dense matrices and Taylor series: slow and simple references for the fast code of the crate.
 #![allow(dead_code)] // each test program uses a part of it
 
+use faer::{Mat, Side};
 use num_complex::Complex64;
 use phasewarp::problem::case::Case;
 use phasewarp::scheme::rows::{Row, Scheme};
@@ -114,6 +115,20 @@ impl Dense {
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
         (0..self.size).map(|i| self.row(i).iter().zip(x).map(|(a, x)| a * x).sum()).collect()
     }
+
+    /// The least and the largest eigenvalue of a symmetric matrix.
+    pub fn ends_of_spectrum(&self) -> [f64; 2] {
+        let matrix = Mat::from_fn(self.size, self.size, |i, j| self.at(i, j));
+        let values = matrix.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
+        [values[0], values[values.len() - 1]]
+    }
+}
+
+/// The least and the largest eigenvalue of `μS + iK`.
+pub fn ends_of_spectrum(s: &Dense, k: &Dense, mu: f64) -> [f64; 2] {
+    let h = Mat::from_fn(s.size, s.size, |i, j| Complex64::new(mu * s.at(i, j), k.at(i, j)));
+    let values = h.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
+    [values[0], values[values.len() - 1]]
 }
 
 /// Fails unless all entries of the matrices agree to `tolerance`, and names the entry that differs
@@ -159,7 +174,8 @@ pub struct System {
     pub inflow: Vec<f64>,
     /// For each row, the rate at which the value of the inflow enters.
     pub inflow_rate: Vec<f64>,
-    /// `g_i`: the inflow of the row adds `−½ g_i x_i²` to `xᵀSx`; equal to `draw` for degree 0.
+    /// `g_i`: the inflow of the row adds `−½ g_i x_i²` to `xᵀSx`; for degree 0 equal to
+    /// `inflow_rate`.
     pub damping: Vec<f64>,
     /// `Σ rate b²` over all that enters a row; `b²/g` for degree 0.
     pub strength: Vec<f64>,

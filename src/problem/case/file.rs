@@ -14,7 +14,7 @@ use crate::problem::case::reader::{
 use crate::problem::formula::{Constants, Expression};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 use toml::Spanned;
@@ -451,16 +451,15 @@ fn with_span<'t>(value: DeValue<'t>, span: &Range<usize>) -> Spanned<DeValue<'t>
     Spanned::new(span.clone(), value)
 }
 
-/// The keys of all values that a `--set` option gives: of a table, those of its entries.
-pub fn keys_of(set: &str) -> Vec<String> {
+/// The key that a `--set` option changes, and those of all values that it gives below it.
+pub fn keys_of(set: &str) -> BTreeSet<String> {
     let value = set.split_once('=').map_or("", |(_, value)| value.trim());
-    let mut settings = BTreeMap::new();
-    match DeValue::parse(value) {
-        Ok(value) => collect(value.get_ref(), key_of(set), &mut settings),
-        // Text without quotes.
-        Err(_) => return vec![key_of(set).to_owned()],
+    let (key, mut settings) = (key_of(set), BTreeMap::new());
+    // What is no value is text without quotes.
+    if let Ok(value) = DeValue::parse(value) {
+        collect(value.get_ref(), &key, &mut settings);
     }
-    settings.into_keys().collect()
+    settings.into_keys().chain([key]).collect()
 }
 
 /// Adds the values at `path` and below to `settings`.

@@ -12,8 +12,7 @@ impl Case {
     fn override_of(&self, key: &str) -> Option<usize> {
         self.settings.keys().find(|given| is_within(given, key))?;
         self.overrides.iter().rposition(|set| {
-            let set: Vec<&str> = key_of(set).split('.').map(str::trim).collect();
-            let set = set.join(".");
+            let set = key_of(set);
             is_within(&set, key) || is_within(key, &set)
         })
     }

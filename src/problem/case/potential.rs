@@ -105,7 +105,9 @@ pub fn regions(file: &CaseFile<'_>, tables: &[RegionTable], n: usize) -> Result<
         }
         let value = table.value(file, i, n)?;
         let key = format!("potential.{i}.reflection");
-        let reflection = formula(file, &key, &table.reflection, &REFLECTION_NAMES)?;
+        // A region that reflects nothing is one without the key.
+        let reflection = formula(file, &key, &table.reflection, &REFLECTION_NAMES)?
+            .filter(|part| part.constant() != Some(0.0));
         Ok(Region { condition, value, reflection })
     };
     tables.iter().enumerate().map(region).collect()

@@ -114,9 +114,10 @@ pub struct KeyValue<'t> {
     constants: &'t Constants,
 }
 
-/// The key that a `--set` option changes.
-pub fn key_of(set: &str) -> &str {
-    set.split('=').next().unwrap_or_default().trim()
+/// The key that a `--set` option changes, without blanks around its parts.
+pub fn key_of(set: &str) -> String {
+    let key = set.split('=').next().unwrap_or_default();
+    key.split('.').map(str::trim).collect::<Vec<_>>().join(".")
 }
 
 /// Whether the key `inner` is `outer`, or that of a value below it.

@@ -218,7 +218,8 @@ impl AxisLine {
         most: usize,
     ) -> Option<LineParticle> {
         let mut particle = start;
-        let mut first: Option<LineParticle> = None;
+        // The particle at the first face, and the time since then.
+        let (mut first, mut since): (Option<LineParticle>, f64) = (None, 0.0);
         let is_inside = |w: f64| self.box_ends[0] < w && w < self.box_ends[1];
         for _ in 0..most {
             let LineParticle { piece, x, w, left } = particle;
@@ -250,9 +251,16 @@ impl AxisLine {
                 AtFace::Leaves => return Some(particle),
                 AtFace::Rare => return None,
             }
-            let since = *first.get_or_insert(particle);
-            if particle.left < since.left && particle.is_again(&since) {
-                particle.left %= since.left - particle.left;
+            since += next.time;
+            let start = *first.get_or_insert_with(|| {
+                since = 0.0;
+                particle
+            });
+            if particle.left > since && since > 0.0 && particle.is_again(&start) {
+                // A particle that ends at a face stays before it.
+                let rest = particle.left % since;
+                particle.left = if rest > round_off { rest } else { rest + since };
+                since = 0.0;
             }
         }
         None
@@ -268,17 +276,17 @@ impl AxisLine {
     fn meet(&self, particle: &mut LineParticle, face: usize) -> AtFace {
         let up = particle.w > 0.0;
         let pieces = self.pieces.len();
-        let start_of = |piece: usize, up: bool| {
+        let end_of = |piece: usize, is_upper: bool| {
             let AxisPiece { lower, upper, .. } = self.pieces[piece];
-            if up { lower } else { upper }
+            if is_upper { upper } else { lower }
         };
         let [below, above] = [(face + pieces - 1) % pieces, face % pieces];
         let [here, there] = if up { [below, above] } else { [above, below] };
         if (face == 0 || face == pieces) && !self.is_periodic {
-            particle.x = start_of(here, !up);
+            particle.x = end_of(here, up);
             return AtFace::Leaves;
         }
-        (particle.piece, particle.x) = (there, start_of(there, up));
+        (particle.piece, particle.x) = (there, end_of(there, !up));
         if self.jumps[face] == 0.0 {
             return AtFace::Goes;
         }
@@ -289,7 +297,7 @@ impl AxisLine {
             particle.w = square.sqrt().copysign(particle.w);
         } else {
             particle.w = -particle.w;
-            (particle.piece, particle.x) = (here, start_of(here, !up));
+            (particle.piece, particle.x) = (here, end_of(here, up));
         }
         let slow = particle.w * particle.w <= self.rest;
         if slow {

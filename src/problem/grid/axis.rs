@@ -267,9 +267,10 @@ impl Axis {
     }
 
     /// The [`centre`](Self::centre) of cell `j`. A centre on a face is moved inside the element by
-    /// a billionth of the element's width, so that a path from there begins in the element.
+    /// a billionth of the element's width, or round-off if that is more, so that a path from there
+    /// begins in the element.
     pub fn inner_centre(&self, j: i64) -> f64 {
-        self.centre_off_face(j, INSIDE * self.width())
+        self.centre_off_face(j, (INSIDE * self.width()).max(self.round_off_of_face()))
     }
 
     /// The [`centre`](Self::centre) of cell `j`, [`beside`](Self::beside) a face on which it lies,

@@ -14,7 +14,7 @@ const SYNTHESIZED: &str = "synthesizedCounts has them in tCount, and no rotation
 impl ResourceCounts {
     /// The access to `H` that takes the fewest gates until the field is measured, by the sequence
     /// whose rotations are computed.
-    fn least(&self) -> &Cost {
+    fn least_by_full_sequence(&self) -> &Cost {
         let gates = |cost: &Cost| cost.evolution.least();
         let least = self.by_access.costs.iter().min_by(|a, b| gates(a).total_cmp(&gates(b)));
         least.expect("sparse access has a cost")
@@ -25,7 +25,7 @@ impl ResourceCounts {
     /// counts stand beside them with the reason, since the estimator takes an absent count for
     /// zero.
     pub fn logical_counts(&self) -> Value {
-        let cost = self.least();
+        let cost = self.least_by_full_sequence();
         if cost.access == Access::Sparse {
             return self.counts_of_oracles(cost);
         }
@@ -100,7 +100,7 @@ impl ResourceCounts {
             let figures: Vec<_> = gates.iter().map(|gates| ("gates_estimate", gates)).collect();
             routine(name, "transform_in_p", &ports, &figures)
         };
-        let least = self.least();
+        let least = self.least_by_full_sequence();
         let (kind, figures) = match least.access {
             Access::Sparse => ("sparse_access_walk", self.of_oracles(least)),
             Access::Circuit(_) | Access::Rotated(_) => ("qubitization", of_circuit(least)),

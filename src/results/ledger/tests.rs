@@ -130,6 +130,26 @@ fn the_mass_of_measure_valued_data_adds_up() {
     }
 }
 
+/// Data of the other sign have the same warnings.
+#[test]
+fn negative_data_are_gone_or_new_as_others() {
+    for (lost, words) in [(1.9, "is gone that should"), (1.1, "is in the box that should have")] {
+        let mut ledger = sound();
+        let mass = &mut ledger.mass;
+        mass.lost = Some(lost);
+        let before = ledger.doubts();
+        let mass = &mut ledger.mass;
+        for number in
+            [&mut mass.formula, &mut mass.initial, &mut mass.lost, &mut mass.left_estimate]
+        {
+            *number = number.map(|mass| -mass);
+        }
+        mass.interface_estimate = Some(0.01);
+        assert_eq!(ledger.doubts(), before);
+        assert!(before.len() == 1 && before[0].contains(words), "{before:?}");
+    }
+}
+
 /// What the interface adds is printed with its scatter.
 #[test]
 fn the_scatter_of_what_the_interface_adds_is_printed() {

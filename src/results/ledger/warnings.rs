@@ -55,7 +55,7 @@ impl Ledger {
             short(self.mass.initial?),
             short(self.mass.formula?),
             percent(missed.abs()),
-            if missed > 0.0 { "too much" } else { "is missing" },
+            if missed * self.sign() > 0.0 { "too much" } else { "is missing" },
             self.degree_keys,
             self.after_degree()
         ))
@@ -123,7 +123,7 @@ impl Ledger {
         if !self.holds_data() {
             return None;
         }
-        let gone_or_gained = if share > 0.0 {
+        let gone_or_gained = if share * self.sign() > 0.0 {
             "is gone that should still be in the box"
         } else {
             "is in the box that should have left, or should not have entered"
@@ -178,6 +178,12 @@ impl Ledger {
         if self.rest_in_cell { WITH_REST_ON_A_FACE } else { "" }
     }
 
+    /// The sign of all mass: data that are negative on the whole lose mass as it rises.
+    fn sign(&self) -> f64 {
+        let all = self.mass.initial.unwrap_or(0.0) + self.mass.entered.unwrap_or(0.0);
+        if all < 0.0 { -1.0 } else { 1.0 }
+    }
+
     /// A difference of masses with the standard error `error`, as a share of all mass, if it is
     /// large enough for a warning.
     fn unbalanced(&self, difference: f64, error: Option<f64>) -> Option<f64> {
@@ -196,7 +202,7 @@ impl Ledger {
                     "mass: {} of it {} at the end, and space has no ends: {OF_MEASURES}; more \
                      cells or a higher {}{}",
                     percent(share.abs()),
-                    if share > 0.0 { "is gone" } else { "is new" },
+                    if share * self.sign() > 0.0 { "is gone" } else { "is new" },
                     self.degree_keys,
                     self.after_degree()
                 )

@@ -112,10 +112,7 @@ pub fn lines(runs: &Runs<'_>) -> FileResult<Figure> {
     let what = match (exact, run.is_measure()) {
         (false, _) => "",
         (true, true) => " Exact values are averages over the cells.",
-        (true, false) if run.space.dimension() == 1 => {
-            " Exact values are integrals of the exact field over the velocities."
-        }
-        (true, false) => " Exact values are those of the exact field, computed like the others.",
+        (true, false) => " Exact values are integrals of the exact field over the velocities.",
     };
     Ok(Figure::new(format!("Moments at t = {}", short(run.time)), panels)
         .columns(3)

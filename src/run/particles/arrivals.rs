@@ -7,29 +7,26 @@
 //!
 //! ```text
 //! ∫ (f_h − f)²       = Σ (m_p/f_p) (f_h(z_p) − f_p)² where |f| is not far below |f_h|
-//!                      + volume × the mean of (f_h(z) − f(z))² at random points z, elsewhere
 //! ∫ f²               = Σ m_p f_p
 //! ∫ over a part of ρ = Σ m_p of the particles that arrive there
 //! ```
 //!
-//! up to the scatter of particles and points. The errors of this module are those found, less
+//! up to the scatter of the particles. The errors of this module are those found, less
 //! [`STANDARD_ERRORS`] standard errors of the replicates: small errors are not shown. The error
-//! where `|f|` is smaller is that of [`RandomPoints`]. The error of the density that follows from
-//! that of `f` is found by parts of space ([`SpaceParts`]).
+//! where `|f|` is smaller is that of [`drawn_nodes`](crate::run::particles::drawn_nodes). The error
+//! of the density that follows from that of `f` is found by parts of space ([`SpaceParts`]).
 
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
 use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
-use crate::problem::grid::{PhaseSpace, box_cells};
+use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells};
 use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors, density_of_smeared, is_large};
 use crate::results::ledger::STANDARD_ERRORS;
 use crate::run::errors::ResultOnShare;
 use crate::run::particles::draw::REPLICATES;
+use crate::run::particles::drawn_nodes::{is_seen, squares_elsewhere};
 use crate::run::particles::point_values::{is_mixed, most_values, values_at};
-use crate::run::particles::random_points::{
-    POINTS_OF_REPLICATE, RandomPoints, is_seen, random_points,
-};
 use crate::run::particles::space_parts::{ParticleSums, SpaceParts};
 
 /// The least number of particles of a replicate at which `f_h` is evaluated.
@@ -43,7 +40,7 @@ const MOST_SCATTER: f64 = 0.2;
 /// Arrivals that are traced back through cells in which `V` is approximated, on half as many.
 const TRACED: usize = 256;
 /// Number of numbers of an [`ArrivedParticle`].
-const NUMBERS: usize = 9;
+const NUMBERS: usize = 8;
 
 /// A particle that was in the box at the end.
 #[derive(Clone, Copy)]
@@ -54,18 +51,16 @@ pub struct ArrivedParticle {
     pub mass: f64,
     /// `f` along its path.
     pub value: f64,
-    /// How many times jumps of `V` transmitted it.
-    pub transmissions: f64,
 }
 
 impl ArrivedParticle {
     fn numbers(&self) -> [f64; NUMBERS] {
         let [x, y, z, u, v, w] = self.point;
-        [x, y, z, u, v, w, self.mass, self.value, self.transmissions]
+        [x, y, z, u, v, w, self.mass, self.value]
     }
 
-    fn from_numbers(&[x, y, z, u, v, w, mass, value, transmissions]: &[f64; NUMBERS]) -> Self {
-        Self { point: [x, y, z, u, v, w], mass, value, transmissions }
+    fn from_numbers(&[x, y, z, u, v, w, mass, value]: &[f64; NUMBERS]) -> Self {
+        Self { point: [x, y, z, u, v, w], mass, value }
     }
 }
 
@@ -73,6 +68,9 @@ impl ArrivedParticle {
 #[derive(Default)]
 pub struct Arrivals {
     by_replicate: [Vec<ArrivedParticle>; REPLICATES],
+    /// By replicate, `Σ |m| times` by velocity axis, with the times that jumps of `V` smeared a
+    /// particle out ([`smearing`](crate::run::particles::tracking::smearing)).
+    smeared: [[f64; MAX_DIMENSION]; REPLICATES],
     /// A tracer with half the cells, if the cells of `V` are an approximation.
     pub halved: Option<HalvedCells>,
 }
@@ -80,6 +78,9 @@ pub struct Arrivals {
 /// The arrivals of all replicates, the same on all ranks.
 pub struct GatheredArrivals {
     by_replicate: Vec<Vec<ArrivedParticle>>,
+    /// How often jumps of `V` smeared an arrived particle out along each velocity axis, as a mean
+    /// over the masses.
+    pub smearing: [f64; MAX_DIMENSION],
     halved: Option<HalvedCells>,
 }
 
@@ -92,9 +93,12 @@ pub struct DensityErrors {
 }
 
 impl Arrivals {
-    /// Adds a particle of a `replicate`.
-    pub fn add(&mut self, replicate: usize, arrived: ArrivedParticle) {
+    /// Adds a particle of a `replicate` that jumps of `V` smeared out so many `times` along each
+    /// velocity axis.
+    pub fn add(&mut self, replicate: usize, arrived: ArrivedParticle, times: [f64; MAX_DIMENSION]) {
         self.by_replicate[replicate].push(arrived);
+        let sums = self.smeared[replicate].iter_mut().zip(times);
+        sums.for_each(|(sum, times)| *sum += arrived.mass.abs() * times);
     }
 
     /// The arrivals of all ranks; `None` if they are of too few replicates. Collective.
@@ -102,23 +106,32 @@ impl Arrivals {
         let longest =
             world.max_count(self.by_replicate.iter().map(Vec::len).max().unwrap_or(0)).max(1);
         // No arrival has no mass: what follows the last one of a replicate is zero.
-        let mut all = vec![0.0; REPLICATES * longest * NUMBERS];
-        for (arrivals, numbers) in self.by_replicate.iter().zip(all.chunks_mut(longest * NUMBERS)) {
+        let of_replicate = MAX_DIMENSION + longest * NUMBERS;
+        let mut all = vec![0.0; REPLICATES * of_replicate];
+        let own = self.by_replicate.iter().zip(&self.smeared);
+        for ((arrivals, smeared), numbers) in own.zip(all.chunks_mut(of_replicate)) {
+            let (sums, numbers) = numbers.split_at_mut(MAX_DIMENSION);
+            sums.copy_from_slice(smeared);
             for (arrival, numbers) in arrivals.iter().zip(numbers.chunks_mut(NUMBERS)) {
                 numbers.copy_from_slice(&arrival.numbers());
             }
         }
         let all = world.gathered(all);
-        let arrivals = |of: &[[f64; NUMBERS]]| -> Vec<ArrivedParticle> {
-            of.iter()
-                .map(ArrivedParticle::from_numbers)
-                .filter(|arrival| arrival.mass != 0.0)
-                .collect()
-        };
-        let by_replicate: Vec<_> = all.as_chunks().0.chunks(longest).map(arrivals).collect();
+        let (mut by_replicate, mut smearing) = (Vec::new(), [0.0; MAX_DIMENSION]);
+        for numbers in all.chunks(of_replicate) {
+            let (sums, numbers) = numbers.split_at(MAX_DIMENSION);
+            smearing.iter_mut().zip(sums).for_each(|(all, sum)| *all += sum);
+            let arrivals = numbers.as_chunks().0.iter().map(ArrivedParticle::from_numbers);
+            let arrivals = arrivals.filter(|arrival| arrival.mass != 0.0);
+            by_replicate.push(arrivals.collect::<Vec<_>>());
+        }
+        let masses = by_replicate.iter().flatten().map(|arrival| arrival.mass.abs());
+        let mass: f64 = masses.sum();
+        let smearing = smearing.map(|sum| sum / mass);
         let replicates = by_replicate.iter().filter(|of| !of.is_empty()).count();
         let halved = self.halved;
-        (replicates >= LEAST_REPLICATES).then_some(GatheredArrivals { by_replicate, halved })
+        let all = GatheredArrivals { by_replicate, smearing, halved };
+        (replicates >= LEAST_REPLICATES).then_some(all)
     }
 }
 
@@ -132,16 +145,6 @@ impl GatheredArrivals {
         };
         let DensityErrors { least, most } = self.density_errors(result, &result.moments.density);
         ParticleErrors { density: least, density_most: most, ..field }
-    }
-
-    /// How many times jumps of `V` transmitted an arrived particle, as a mean over the masses.
-    pub fn transmissions(&self) -> f64 {
-        let (mut sum, mut all) = (0.0, 0.0);
-        for arrival in self.by_replicate.iter().flatten() {
-            sum += arrival.mass.abs() * arrival.transmissions;
-            all += arrival.mass.abs();
-        }
-        sum / all
     }
 
     /// About the relative L2 error of the values of some arrivals where `V` is approximated: what
@@ -203,43 +206,34 @@ impl GatheredArrivals {
             of.iter().skip(replicate * step / all.len()).step_by(step).map(heavier).collect()
         };
         let chosen: Vec<Vec<ArrivedParticle>> = all.iter().enumerate().map(some).collect();
-        let mut points: Vec<[f64; 6]> =
-            chosen.iter().flatten().map(|arrival| arrival.point).collect();
-        let arrived = points.len();
-        points.extend(random_points(space, POINTS_OF_REPLICATE.min(most) * all.len()));
-        let values = values_at(result, &points);
-        let parts = SpaceParts::for_particles(space, arrived);
+        let points: Vec<[f64; 6]> = chosen.iter().flatten().map(|arrival| arrival.point).collect();
+        let mut values = values_at(result, &points).into_iter();
+        let parts = SpaceParts::for_particles(space, points.len());
         let mut by_part = vec![ParticleSums::default(); parts.count()];
         let mut by_replicate = vec![ParticleSums::default(); all.len()];
-        let mut errors = vec![0.0; all.len()];
-        let mut found = values.iter();
+        let mut errors = squares_elsewhere(result).to_vec();
         for (replicate, of) in chosen.iter().enumerate() {
-            for (arrival, found) in of.iter().zip(&mut found) {
+            for (arrival, found) in of.iter().zip(&mut values) {
                 let ArrivedParticle { point, mass, value: exact, .. } = *arrival;
-                let own = ParticleSums::of(mass, exact, *found);
+                let own = ParticleSums::of(mass, exact, found);
                 by_replicate[replicate] += own;
                 by_part[parts.at(&point)] += own;
-                errors[replicate] += if is_seen(exact, *found) { own.error } else { 0.0 };
+                errors[replicate] += if is_seen(exact, found) { own.error } else { 0.0 };
             }
         }
-        let sizes: Vec<f64> = by_replicate.iter().map(|of| of.size).collect();
-        let size = sizes.iter().sum::<f64>() / all.len() as f64;
-        let points = RandomPoints { points: &points[arrived..], found: found.as_slice() };
-        let squares = points.squares_elsewhere(result.world, result.case, size);
-        // A replicate has as many points as another, and is an estimate by itself.
-        let of_replicate = squares.len() / all.len();
-        for (k, square) in squares.into_iter().enumerate() {
-            errors[k / of_replicate] += square / of_replicate as f64;
-        }
-        let Some(shown) = ShownError::of(&errors, &sizes) else {
+        let (where_f_is, sizes): (Vec<f64>, Vec<f64>) =
+            by_replicate.iter().map(|of| (of.error, of.size)).unzip();
+        let shown = ShownError::of(&errors, &sizes);
+        let of_particles = ShownError::of(&where_f_is, &sizes);
+        let (Some(shown), Some(of_particles)) = (shown, of_particles) else {
             return ParticleErrors::default();
         };
-        let field = Some(shown.least);
+        // Both are bounds.
+        let field = Some(shown.least.max(of_particles.least));
         if is_mixed(space) {
             return ParticleErrors { field, ..ParticleErrors::default() };
         }
-        let where_f_is: Vec<f64> = by_replicate.iter().map(|of| of.error).collect();
-        let of_whole = ShownError::of(&where_f_is, &sizes).and_then(|error| error.smeared(space));
+        let of_whole = of_particles.smeared(space);
         ParticleErrors {
             field,
             field_mean: shown.mean(),
@@ -462,7 +456,6 @@ mod tests {
                     point: path.point,
                     mass: value,
                     value,
-                    transmissions: 0.0,
                 })
             };
             let arrivals: Vec<_> = starts.iter().zip(values).filter_map(arrived).collect();
@@ -474,7 +467,8 @@ mod tests {
                 size += mass * value;
             }
             let error = (error / size).sqrt();
-            let found = GatheredArrivals { by_replicate: vec![arrivals], halved };
+            let smearing = [0.0; MAX_DIMENSION];
+            let found = GatheredArrivals { by_replicate: vec![arrivals], smearing, halved };
             let estimate = found.tracing_error(case).expect("V is finite").expect("an estimate");
             let ratio = estimate / error;
             assert!((0.3..3.0).contains(&ratio), "{estimate:e} {error:e}: {}", case.text);

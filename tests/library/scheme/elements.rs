@@ -1,9 +1,7 @@
 //! Elements whose degrees differ from axis to axis: sums of rows and columns, `S ≤ 0`, and the
 //! intervals of the spectrum for random scenes.
 
-use crate::dense::{Dense, System, case};
-use faer::{Mat, Side};
-use num_complex::Complex64;
+use crate::dense::{Dense, System, case, ends_of_spectrum};
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::problem::case::Case;
 use phasewarp::problem::grid::{Axis, Cell};
@@ -124,19 +122,9 @@ fn random_potential(dice: &mut Dice, n: usize, slopes: usize, offset: f64) -> St
     value
 }
 
-/// Least and largest eigenvalue of `μS + iK`.
-fn ends_of_spectrum(a: &Dense, mu: f64) -> [f64; 2] {
-    let (s, k) = (a.symmetric(), a.skew());
-    let h = Mat::from_fn(s.size, s.size, |i, j| Complex64::new(mu * s.at(i, j), k.at(i, j)));
-    let values = h.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
-    [values[0], values[s.size - 1]]
-}
-
-/// The same of a symmetric matrix.
-fn ends_of_symmetric(s: &Dense) -> [f64; 2] {
-    let s = Mat::from_fn(s.size, s.size, |i, j| s.at(i, j));
-    let values = s.self_adjoint_eigenvalues(Side::Lower).expect("finite entries");
-    [values[0], values[values.len() - 1]]
+/// The least and the largest eigenvalue of `μS + iK`.
+fn interval_of(a: &Dense, mu: f64) -> [f64; 2] {
+    ends_of_spectrum(&a.symmetric(), &a.skew(), mu)
 }
 
 /// A case as a dense system.
@@ -208,12 +196,12 @@ impl<'a> Dissected<'a> {
     fn check_dissipation(&self) {
         let mut s = self.weighted.symmetric();
         let scale = self.weighted.largest();
-        let [low, high] = ends_of_symmetric(&s);
+        let [low, high] = s.ends_of_spectrum();
         assert!(high <= 1e-12 * scale, "{}: {high:e} of {scale}", self.name);
         let allowed = Bounds::new(self.case).expect("V is finite").dissipation;
         assert!(-low <= allowed * (1.0 + 1e-12) + 1e-12 * scale, "{}: {low} {allowed}", self.name);
         self.damping.iter().enumerate().for_each(|(i, g)| s.add(i, i, 0.5 * g));
-        let [_, high] = ends_of_symmetric(&s);
+        let [_, high] = s.ends_of_spectrum();
         assert!(high <= 1e-12 * scale, "{}: damped {high:e} of {scale}", self.name);
     }
 
@@ -221,14 +209,14 @@ impl<'a> Dissected<'a> {
     fn check_intervals(&self) {
         let bounds = Bounds::new(self.case).expect("V is finite");
         for mu in [0.0, 0.03, 0.7, -2.0, 11.0, -300.0] {
-            let [low, high] = ends_of_spectrum(&self.weighted, mu);
+            let [low, high] = interval_of(&self.weighted, mu);
             let interval = bounds.interval(mu);
             let (centre, half) = (interval.centre, interval.half_width);
             let slack = 1e-12 * half;
             let holds = centre - half - slack <= low && high <= centre + half + slack;
             assert!(holds, "{}, mu = {mu}: [{low}, {high}] in {interval:?}", self.name);
         }
-        let norm = ends_of_spectrum(&self.weighted, 0.0)[1];
+        let norm = interval_of(&self.weighted, 0.0)[1];
         assert!(norm <= bounds.rate * (1.0 + 1e-12), "{}: {norm} {}", self.name, bounds.rate);
     }
 }
@@ -465,12 +453,12 @@ fn sharp(name: &str, text: &str) {
     let scene = Dissected::new(name, &case);
     let bounds = Bounds::new(&case).expect("V is finite");
     for mu in [0.0, 0.7, -2.0, 11.0] {
-        let [low, high] = ends_of_spectrum(&scene.weighted, mu);
+        let [low, high] = interval_of(&scene.weighted, mu);
         let ratio = 2.0 * bounds.interval(mu).half_width / (high - low);
         println!("{name}, mu = {mu}: [{low:.3}, {high:.3}], length of the interval {ratio:.4}");
         assert!((1.0 - 1e-12..1.15).contains(&ratio), "{name}, mu = {mu}: {ratio}");
     }
-    let [low, _] = ends_of_symmetric(&scene.weighted.symmetric());
+    let [low, _] = scene.weighted.symmetric().ends_of_spectrum();
     let allowed = bounds.dissipation;
     if allowed < 1e-12 {
         assert!(low.abs() < 1e-10, "{name}: {low}");

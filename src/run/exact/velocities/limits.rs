@@ -49,17 +49,17 @@ pub fn panels_of(case: &Case) -> Vec<usize> {
 
 /// Points that all integrals of a run of `case` may take together.
 pub fn max_points_in_all(case: &Case) -> usize {
-    let unlimited_points = unlimited_points(&case.space);
-    case.most_exact_points.map_or(unlimited_points, |most| most.min(unlimited_points))
+    let points = points_without_study(&case.space);
+    case.most_exact_points.map_or(points, |most| most.min(points))
 }
 
 /// Whether a study with little time allows fewer points than integrals may take otherwise. Then
 /// fronts within cells are not looked for.
 pub fn is_limited(case: &Case) -> bool {
-    max_points_in_all(case) < unlimited_points(&case.space)
+    max_points_in_all(case) < points_without_study(&case.space)
 }
 
-fn unlimited_points(space: &PhaseSpace) -> usize {
+fn points_without_study(space: &PhaseSpace) -> usize {
     space.cells().saturating_mul(POINTS_PER_CELL).max(POINTS_IN_ALL[space.dimension() - 1])
 }
 
