@@ -236,9 +236,10 @@ impl Bounds {
 
     /// The same while it traces paths back from the result of `case`, for the errors by particles.
     pub fn traced_at_end_bytes(&self, case: &Case) -> u64 {
-        *self.traced_at_end.get_or_init(|| {
-            let is_traced = is_followed(case) && !case.is_measure_valued();
-            if is_traced { shown_traced_bytes(case, MostCells::ESTIMATES) } else { 0 }
+        *self.traced_at_end.get_or_init(|| match case.exact {
+            _ if case.is_measure_valued() || !is_followed(case) => 0,
+            Some(Exact::Characteristics) => shown_traced_bytes(case, MostCells::ESTIMATES),
+            _ => self.traced_bytes(case),
         })
     }
 

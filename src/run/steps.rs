@@ -2,6 +2,7 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::lock::DirectoryLock;
+use crate::base::memory;
 use crate::matrix::observables::{CellVolumes, Moments, Totals};
 use crate::parallel::communicator::World;
 use crate::plan::ProvisionalPlan;
@@ -184,6 +185,8 @@ impl<'a> Driver<'a> {
             ledger::absolute_masses(&planned.prepared, &mut ledger, totals, entered);
         }
         let entered = entered.map(|entered| entered.signed);
+        // Memory of the particles' paths goes back before the solve.
+        memory::give_back();
         self.log.watch.lap("observables");
         let early = at_start.filter(|_| planned.prepared.case.output_at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered, arrivals })
