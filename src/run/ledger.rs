@@ -2,7 +2,7 @@
 //!
 //! The outflow through each end of the box cannot be measured: the modes give `f` at output times
 //! only, not its time integral at an end. It is estimated by particles of the exact flow
-//! ([`particles`](crate::run::particles)), drawn from the case's formulas. The total, `initial +
+//! (`run::particles`), drawn from the case's formulas. The total, `initial +
 //! entered − end`, is measured.
 //!
 //! Each rank follows whole replicates, and sums over them are exact, so that the bits do not depend
