@@ -6,6 +6,7 @@ use crate::support::{
     datasets, differences, directory, field, json_of, near, on_results, run, text_of, written,
 };
 use phasewarp::base::text::{one_digit, rounded_down, short};
+use phasewarp::problem::case::Case;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -1096,6 +1097,19 @@ fn random_paths_show_errors_at_partial_reflection() {
     // 1.5 million particles with random reflection: the density is 19.4 % off.
     let density = accuracy(&one.value, "grid_density").unwrap();
     assert!((0.1..0.6).contains(&density), "{density}: {}", one.command);
+    // Cells in which V is approximated show the same error as those in which it is exact.
+    let by_paths = |height: &str| {
+        let regions = format!(
+            "potential=[{{where='abs(x) > 0.75', value=10}}, {{where='x > 0', value={height}, \
+             reflection=0.3}}, {{value=0}}]"
+        );
+        let results = directory();
+        let job = Job::new(["run", &file]).set(&[CLASSICAL, "time.end=3", &regions]);
+        let summary = job.solve(results.path()).unwrap();
+        summary.value["accuracy"]["particles"]["field_mean"].as_f64().expect("a mean")
+    };
+    let [exact, curved] = ["0.1", "'0.1 + 1e-6*cos(40*x)'"].map(by_paths);
+    assert!((curved / exact - 1.0).abs() < 0.1, "{curved} {exact}");
 }
 
 /// A steady gas hardly varies in space. On velocity cells, jumps of `V` smear it out along the
@@ -1356,6 +1370,10 @@ fn invalid_schemes_are_refused() {
         ("exact={kind='characteristics'}", &["potential.0.reflection", "give exact.f"]),
     ];
     all_refused(rows, |(setting, wording), _| Mistake::set(REFLECTING, &[setting], wording));
+    // A region that reflects nothing is as any other.
+    let nothing = ["potential.0.reflection=0", "exact={kind='characteristics'}"];
+    let read = Case::load(Path::new(&case(REFLECTING)), &nothing.map(str::to_owned)).unwrap();
+    assert!(!read.reflects());
     let slopes = ["scheme.limiter=van-leer", SLOPES[0], SLOPES[1]];
     let wording = ["scheme.limiter = \"van-leer\"", "degree 0", "scheme.degree"];
     Mistake::set("smooth-beams.toml", &slopes, &wording).refused_by_reader().unwrap();

@@ -342,6 +342,7 @@ fn an_accuracy_excludes_settings_that_it_chooses() {
     }
     let tables = [
         ("scheme={degree=2}", "scheme.degree"),
+        ("scheme . degree=2", "scheme.degree"),
         ("solver={tolerance=1e-3}", "solver.tolerance"),
         ("axis.0.x={lower=-1,upper=1,cells=7}", "axis.0.x.cells"),
     ];

@@ -165,8 +165,17 @@ fn every_case_has_a_chart_within_its_budget() {
             Err(format!("{name}: a picture of {width} x {height}"))
         }
     });
-    // On a busy machine some charts have time for the first trial only.
-    assert!(both.load(Ordering::Relaxed) > 0, "no chart has a run by modes");
+    // On a busy machine some charts have time for the first trial only, and get more.
+    let mut both = both.into_inner();
+    if 3 * both < all.len() {
+        let by_modes = |(_, name): &&(usize, String)| {
+            let place = directory();
+            let found = chart(name, shrunk(name), (1, 8.0 * BUDGET), place.path());
+            found.is_ok_and(|found| done(&found).any(|e| e["method"] == "schrodingerized"))
+        };
+        both = all.iter().filter(by_modes).count();
+    }
+    assert!(3 * both >= all.len(), "by modes: {both} of {} cases", all.len());
 }
 
 /// Settings of a case small enough for all of the first rounds.

@@ -323,7 +323,7 @@ fn what_cannot_go_on_is_refused() {
     };
     let start = "time.start=0.2";
     let short = "solver.propagator={method='crank-nicolson',step=1e-9}";
-    let rows: [(Job, &[&str]); 23] = [
+    let rows: [(Job, &[&str]); 25] = [
         (run("example1.toml").with(["--until", "0.5"]), &["--until 0.5", "--set time.end"]),
         (Job::new(["run", "--continue", "results"]), &["--until <TIME>"]),
         (on(path, 0.2), &["--until 0.2", "its results are at t = 0.2", "a later time"]),
@@ -332,6 +332,8 @@ fn what_cannot_go_on_is_refused() {
         (on(measure.path(), 0.5), &["--continue", "measure-valued data are several fields"]),
         (go(&["time.start=0"]), &["--set time.start", "follows from DIR and --until"]),
         (go(&["initial.field=a.h5"]), &["--set initial.field", "follows from DIR"]),
+        (go(&["time={end=9}"]), &["--set time.end", "follows from DIR"]),
+        (go(&["time . start=0"]), &["--set time.start", "follows from DIR"]),
         (go(&["axis.0.x.cells=26"]), &["initial.field", "cells along x: 24 there, 26 in the case"]),
         (go(&["scheme.degree=1"]), &["degree along x: 0 there, 1 in the case"]),
         (go(&["axis.0.v.upper=3"]), &["upper end of vx", "3 in the case"]),

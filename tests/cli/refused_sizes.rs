@@ -54,7 +54,13 @@ fn plan_and_check_of_absurd_grids_do_not_hang() {
     }
     check_all(&rows, |(command, cells)| {
         let job = of_case(command, "example1.toml").set(cells);
-        let finished = job.within(SECONDS_TO_REFUSE as u64).capped().run()?;
+        let mut finished = job.within(SECONDS_TO_REFUSE as u64).capped().run()?;
+        // A slow machine announces that this takes about so long.
+        let announced = finished.errors.find("evaluating V and planning take about");
+        if let Some(end) = announced.and_then(|at| Some(at + finished.errors[at..].find('\n')? + 1))
+        {
+            finished.errors.drain(..end);
+        }
         match finished.code {
             Some(0) => Ok(()),
             _ => refused(&finished, &["memory"]),

@@ -18,7 +18,7 @@ use phasewarp::parallel::partition::ProcessMesh;
 use phasewarp::problem::case::{Propagation, PropagatorMethod};
 use phasewarp::propagate::bessel::bessel_series;
 use phasewarp::propagate::chebyshev::Chebyshev;
-use phasewarp::propagate::evolution::{BatchSpec, SeriesSize};
+use phasewarp::propagate::evolution::{BatchSpec, InitialState, SeriesSize};
 use phasewarp::propagate::implicit::Implicit;
 use phasewarp::propagate::intermediate_moments::IntermediateMoments;
 use phasewarp::propagate::krylov::Krylov;
@@ -406,6 +406,13 @@ pub fn long_implicit_steps(world: &World) {
                     let at = format!("{}, {mesh:?}, mu = {mu}, order {order}", twin.name);
                     assert!(error <= 1e-11, "{at}: {error:e}");
                 }
+                // A solution that is no number is no solution.
+                let mut parts = parts(&mut weighted.prepared, time);
+                let mut start = vec![1.0; parts.evolution.matrix.length()];
+                start[0] = f64::NAN;
+                let start = InitialState::real(&start, 1.0);
+                let report = method.propagate(&mut parts.evolution, &batch, &start);
+                assert!(report.is_err(), "{}, {mesh:?}, order {order}", twin.name);
             }
         }
     }

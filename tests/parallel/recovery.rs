@@ -372,6 +372,12 @@ pub fn changed_norms_are_refused(world: &World) {
     for mesh in meshes(world, &case) {
         let mut prepared = prepare(world, &case, &mesh);
         let ratio = prepared.probe();
+        let (system, communicator) = (&prepared.system, &prepared.communicator);
+        let mut state = vec![1.0; system.matrix.length()];
+        assert!(system.norm(communicator, &state).is_finite(), "{mesh:?}");
+        state[0] = f64::NAN;
+        let norms = [system.norm(communicator, &state), system.field_norm(communicator, &state)];
+        assert!(norms.iter().all(|norm| norm.is_nan()), "{mesh:?}: {norms:?}");
         let run = StreamedRun::new(&case, &mesh, ratio);
         assert!(run.attempt(world, &mut prepared).is_ok(), "{mesh:?}");
         prepared.bounds.rate *= 0.5;

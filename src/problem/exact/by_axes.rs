@@ -252,15 +252,15 @@ impl AxisLine {
                 AtFace::Rare => return None,
             }
             since += next.time;
-            let start = *first.get_or_insert_with(|| {
-                since = 0.0;
-                particle
-            });
-            if particle.left > since && since > 0.0 && particle.is_again(&start) {
-                // A particle that ends at a face stays before it.
-                let rest = particle.left % since;
-                particle.left = if rest > round_off { rest } else { rest + since };
-                since = 0.0;
+            match first {
+                None => (first, since) = (Some(particle), 0.0),
+                Some(start) if particle.left > since && particle.is_again(&start) => {
+                    // A particle that ends at a face stays before it.
+                    let rest = particle.left % since;
+                    particle.left = if rest > round_off { rest } else { rest + since };
+                    since = 0.0;
+                }
+                Some(_) => {}
             }
         }
         None

@@ -326,6 +326,18 @@ impl Axis {
 mod tests {
     use super::*;
 
+    /// Nodes on faces are moved into their element, wherever the box is.
+    #[test]
+    fn inner_centres_are_in_their_elements() {
+        for lower in [0.0, -3.0, 1e7, -1e7, 1e12] {
+            let axis = Axis::new(lower, lower + 3.0, 6).with_nodes(Nodes::of_space(2));
+            for j in 0..axis.cells as i64 {
+                let (centre, e) = (axis.inner_centre(j), axis.element_of(j));
+                assert!(axis.face(e) < centre && centre < axis.face(e + 1), "{lower}: {j}");
+            }
+        }
+    }
+
     #[test]
     fn a_point_just_below_the_upper_end_is_in_the_last_cell() {
         let axis = Axis::new(-1.0, 1.0, 10);

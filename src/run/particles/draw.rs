@@ -297,21 +297,42 @@ fn nonzero(particle: Particle) -> Option<Particle> {
 /// of its share.
 pub fn resampled(mut particles: Vec<Particle>, many: usize, offset: f64) -> Vec<Particle> {
     sort_along_curve(&mut particles);
-    systematic(&particles, many, offset)
+    in_turn(&particles, many, offset)
 }
 
 /// Systematic resampling in the order of `particles`.
-fn systematic(particles: &[Particle], many: usize, offset: f64) -> Vec<Particle> {
-    let all: f64 = particles.iter().map(|p| p.mass.abs()).sum();
-    let share = all / many as f64;
-    let (mut passed, mut chosen) = (0.0, Vec::with_capacity(many));
-    for particle in particles {
-        passed += particle.mass.abs();
-        while chosen.len() < many && (chosen.len() as f64 + offset) * share < passed {
-            chosen.push(Particle { mass: share.copysign(particle.mass), ..*particle });
+fn in_turn(particles: &[Particle], many: usize, offset: f64) -> Vec<Particle> {
+    let masses: Vec<f64> = particles.iter().map(|particle| particle.mass.abs()).collect();
+    let share = masses.iter().sum::<f64>() / many as f64;
+    let chosen = systematic(&masses, many, offset).into_iter().map(|place| {
+        let particle = particles[place.item];
+        Particle { mass: share.copysign(particle.mass), ..particle }
+    });
+    chosen.collect()
+}
+
+/// A place among items with weights.
+pub struct WeightedPlace {
+    /// The number of the item.
+    pub item: usize,
+    /// The part of its weight below the place, in `[0, 1]`.
+    pub part: f64,
+}
+
+/// `many` equidistant places among items with these `weights`; none if all are zero. The first one
+/// is at the fraction `offset` of the distance.
+pub fn systematic(weights: &[f64], many: usize, offset: f64) -> Vec<WeightedPlace> {
+    let share = weights.iter().sum::<f64>() / many as f64;
+    let (mut passed, mut places) = (0.0, Vec::with_capacity(many));
+    for (item, weight) in weights.iter().enumerate() {
+        let at = |count: usize| (count as f64 + offset) * share;
+        while places.len() < many && at(places.len()) < passed + weight {
+            let part = (at(places.len()) - passed) / weight;
+            places.push(WeightedPlace { item, part: part.clamp(0.0, 1.0) });
         }
+        passed += weight;
     }
-    chosen
+    places
 }
 
 /// Sorts particles along a Morton curve (bits of the coordinates in turn) through the box around
@@ -509,8 +530,21 @@ mod tests {
         };
         for axis in [0, 3] {
             let along = off(axis, &|all, offset| resampled(all, chosen, offset));
-            let in_turn = off(axis, &|all, offset| systematic(&all, chosen, offset));
+            let in_turn = off(axis, &|all, offset| in_turn(&all, chosen, offset));
             assert!(along < 0.0155 && along < 0.7 * in_turn, "{axis}: {along} {in_turn}");
+        }
+    }
+
+    /// Items have as many places as their weights demand, and those without weight none.
+    #[test]
+    fn places_follow_the_weights() {
+        for offset in [0.0, 0.3, 0.999] {
+            let places = systematic(&[0.0, 3.0, 0.0, 1.0], 256, offset);
+            let of = |item| places.iter().filter(|place| place.item == item).count();
+            assert_eq!([of(1), of(3)], [192, 64], "{offset}");
+            let parts = places[..192].iter().map(|place| place.part);
+            assert!(parts.clone().is_sorted() && parts.clone().all(|part| part < 1.0));
+            assert!(systematic(&[0.0, 0.0], 256, offset).is_empty());
         }
     }
 }

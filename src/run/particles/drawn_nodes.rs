@@ -14,9 +14,9 @@
 use crate::base::random::uniform;
 use crate::base::row_major::{indices, number, position};
 use crate::problem::exact::{MostCells, Tracer};
-use crate::problem::grid::{Cell, PhaseSpace, box_cells};
+use crate::problem::grid::box_cells;
 use crate::run::errors::ResultOnShare;
-use crate::run::particles::draw::REPLICATES;
+use crate::run::particles::draw::{REPLICATES, WeightedPlace, systematic};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -40,6 +40,7 @@ pub fn squares_elsewhere(result: &ResultOnShare<'_>) -> [f64; REPLICATES] {
         return [0.0; REPLICATES];
     };
     let lengths: Vec<usize> = case.space.x.iter().map(|axis| axis.cells).collect();
+    let velocities = case.space.velocity_cells();
     let mut squares = vec![0.0; case.space.space_cells()];
     for (cell, square) in box_cells(share).zip(volumes.squares(field)) {
         squares[number(lengths.iter().copied(), cell)] = square;
@@ -49,16 +50,17 @@ pub fn squares_elsewhere(result: &ResultOnShare<'_>) -> [f64; REPLICATES] {
     let all: f64 = squares.iter().sum();
     let mut terms = vec![0.0; REPLICATES * NODES];
     for (replicate, terms) in terms.chunks_mut(NODES).enumerate() {
+        let mut random = ChaCha8Rng::seed_from_u64(replicate as u64);
+        random.set_stream(STREAM);
+        let drawn = systematic(&squares, NODES, uniform(&mut random));
         let (mut own, mut points, mut found) = (Vec::new(), Vec::new(), Vec::new());
-        for (k, draw) in draws(&squares, replicate).iter().enumerate() {
-            let cell = indices(draw.cell, &lengths);
-            let Some(at) = position(share, &cell) else { continue };
-            let velocities = case.space.velocity_cells();
+        for (k, WeightedPlace { item: cell, part }) in drawn.into_iter().enumerate() {
+            let Some(at) = position(share, &indices(cell, &lengths)) else { continue };
             let column = &field[at * velocities..][..velocities];
             let square = |v: usize| volumes.relative(at * velocities + v) * column[v] * column[v];
-            let v = velocity_of(draw.part, velocities, square);
+            let v = velocity_of(part, velocities, square);
             own.push(k);
-            points.push(node(&case.space, &cell, v));
+            points.push(case.space.inner_point(&case.space.cell(cell * velocities + v)));
             found.push(column[v]);
         }
         for ((k, found), exact) in own.into_iter().zip(found).zip(tracer.values(&points, case.end))
@@ -74,32 +76,6 @@ pub fn squares_elsewhere(result: &ResultOnShare<'_>) -> [f64; REPLICATES] {
     std::array::from_fn(|replicate| all * sum(replicate) / NODES as f64)
 }
 
-/// A cell of space that was drawn.
-struct Draw {
-    /// Its row-major number.
-    cell: usize,
-    /// The part of its square below the drawn place, in `[0, 1]`.
-    part: f64,
-}
-
-/// [`NODES`] draws for a replicate from cells with these `squares`; none if all are zero.
-fn draws(squares: &[f64], replicate: usize) -> Vec<Draw> {
-    let share = squares.iter().sum::<f64>() / NODES as f64;
-    let mut random = ChaCha8Rng::seed_from_u64(replicate as u64);
-    random.set_stream(STREAM);
-    let offset = uniform(&mut random);
-    let (mut passed, mut drawn) = (0.0, Vec::with_capacity(NODES));
-    for (cell, square) in squares.iter().enumerate() {
-        let place = |count: usize| (count as f64 + offset) * share;
-        while drawn.len() < NODES && place(drawn.len()) < passed + square {
-            let part = (place(drawn.len()) - passed) / square;
-            drawn.push(Draw { cell, part: part.clamp(0.0, 1.0) });
-        }
-        passed += square;
-    }
-    drawn
-}
-
 /// The velocity at which this `part` of the sum of all squares is reached.
 fn velocity_of(part: f64, velocities: usize, square: impl Fn(usize) -> f64) -> usize {
     let goal = part * (0..velocities).map(&square).sum::<f64>();
@@ -113,29 +89,12 @@ fn velocity_of(part: f64, velocities: usize, square: impl Fn(usize) -> f64) -> u
     last
 }
 
-/// The point of velocity `v`, row-major, in a cell of space.
-fn node(space: &PhaseSpace, cell: &[usize], v: usize) -> [f64; 6] {
-    let lengths: Vec<usize> = space.v.iter().map(|axis| axis.cells).collect();
-    let mut whole: Cell = [0; 6];
-    for (to, from) in whole.iter_mut().zip(cell.iter().copied().chain(indices(v, &lengths))) {
-        *to = from;
-    }
-    space.inner_point(&whole)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Cells are drawn as often as their squares demand, and velocities by the part of the square.
     #[test]
-    fn nodes_are_drawn_by_their_squares() {
-        for replicate in 0..REPLICATES {
-            let drawn = draws(&[0.0, 3.0, 0.0, 1.0], replicate);
-            let of = |cell| drawn.iter().filter(|draw| draw.cell == cell).count() as i64;
-            assert!((of(1) - 192).abs() <= 1 && of(1) + of(3) == 256, "{replicate}: {}", of(1));
-            assert!(draws(&[0.0, 0.0], replicate).is_empty());
-        }
+    fn velocities_are_drawn_by_their_squares() {
         let squares = [0.0, 1.0, 0.0, 3.0, 0.0];
         let found = [0.0, 0.2, 0.26, 0.9, 1.0].map(|part| velocity_of(part, 5, |v| squares[v]));
         assert_eq!(found, [1, 1, 3, 3, 3]);

@@ -57,7 +57,7 @@ pub fn errors(result: &ResultOnShare<'_>) -> Result<ParticleErrors> {
         return Ok(ParticleErrors::default());
     }
     let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
-    let most_steps = if tracer.is_approximate { MOST_STEPS / 4.0 } else { MOST_STEPS };
+    let most_steps = if tracer.is_approximate { MOST_STEPS / 16.0 } else { MOST_STEPS };
     // Processors of different kinds may take different numbers of steps.
     let steps = world.max(tracer.mean_steps(case.end));
     let most = (most_steps / (PATHS as f64 * steps)) as usize;
