@@ -143,8 +143,11 @@ pub fn refuse_long_transport(case: &Case) -> Result<()> {
 /// [`Error::Input`].
 fn refuse_fast_inflow(case: &Case) -> Result<()> {
     let is_classical = case.method == Method::Classical;
-    let needed =
-        if is_classical { case.integrator == Integrator::Exponential } else { case.verify };
+    let needed = if is_classical {
+        case.classical.integrator == Integrator::Exponential
+    } else {
+        case.verify
+    };
     if !case.varies() || !needed {
         return Ok(());
     }
@@ -229,13 +232,13 @@ impl Plan {
             reductions: case.reductions.dropped.clone(),
             time: case.duration(),
             method: case.method,
-            interface: case.interface,
+            interface: case.scheme.interface,
             propagation: match steps {
                 0 => case.propagator,
                 _ => Propagation { step: Some(longest), ..case.propagator },
             },
             steps,
-            limiter: case.limiter,
+            limiter: case.scheme.limiter,
             fields: case.fields.len(),
             tolerance: case.tolerance,
             classical_steps: match case.method {

@@ -78,7 +78,8 @@ pub fn round_off(steps: usize) -> f64 {
 /// Bound on the relative error of the classical exponential after so many `applications`, which is
 /// round-off; `None` for other algorithms.
 pub fn exponential_error(case: &Case, applications: usize) -> Option<f64> {
-    let is_exact = case.method == Method::Classical && case.integrator == Integrator::Exponential;
+    let is_exact =
+        case.method == Method::Classical && case.classical.integrator == Integrator::Exponential;
     is_exact.then(|| round_off(applications))
 }
 

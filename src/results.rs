@@ -67,7 +67,7 @@ pub(crate) struct RunFile {
 pub(crate) fn files(case: &Case) -> impl Iterator<Item = RunFile> {
     let readings = case.readout.is_some();
     let single =
-        [(RESULT, true), (xdmf::NAME, case.storage.xdmf), (readout::files::NAME, readings)];
+        [(RESULT, true), (xdmf::NAME, case.output.storage.xdmf), (readout::files::NAME, readings)];
     let single = single.into_iter().map(|(name, is_written)| (name.to_owned(), is_written));
     let warped = warped::names(case).into_iter().map(|name| (name, true));
     let all = single.chain(grids::files(case)).chain(warped);

@@ -134,12 +134,9 @@ pub fn lines_about_errors(world: &World, directory: &Path, strict: bool) -> Resu
 /// # Errors
 /// The first error of any rank, the same on all.
 pub fn solve(world: &World, case: &Case) -> Result<Solution> {
-    let case = with_files_read(&world.group(), case)?;
-    let case = Case {
-        // Only `run` writes these files, while the modes are in memory.
-        warped_field: false,
-        ..case.into_owned()
-    };
+    let mut case = with_files_read(&world.group(), case)?.into_owned();
+    // Only `run` writes these files, while the modes are in memory.
+    case.output.warped_field = false;
     let mut solution = compute(world, &case, None)?;
     solution.summary.finish(&world.group(), &solution.log.watch);
     Ok(solution)

@@ -115,10 +115,10 @@ fn formulas(case: &Case) -> String {
 /// Times, interface law, method and its settings.
 fn method(case: &Case, bounds: &Bounds) -> String {
     let interface = if !case.is_galerkin() {
-        format!("interface {}", choice_text(&case.interface))
+        format!("interface {}", choice_text(&case.scheme.interface))
     } else {
         let ends = if case.is_closed() { ", closed ends" } else { "" };
-        format!("flux {}{ends}, interface matched by energy", case.flux)
+        format!("flux {}{ends}, interface matched by energy", case.scheme.flux)
     };
     let from = match case.start_time {
         0.0 => String::new(),
@@ -133,9 +133,9 @@ fn method(case: &Case, bounds: &Bounds) -> String {
     let settings = match case.method {
         Method::Classical => format!(
             "integrator {}, cfl {}, limiter {}\n",
-            choice_text(&case.integrator),
-            case.cfl,
-            choice_text(&case.limiter)
+            choice_text(&case.classical.integrator),
+            case.classical.cfl,
+            choice_text(&case.scheme.limiter)
         ),
         Method::Schrodingerized => {
             format!(
@@ -189,7 +189,9 @@ fn schrodingerized(bounds: &Bounds) -> String {
 pub(crate) fn errors(case: &Case) -> String {
     let of_algorithm = match case.method {
         Method::Schrodingerized => format!("at most {:e} (solver.tolerance)", case.tolerance),
-        Method::Classical if case.integrator == Integrator::Exponential => "round-off".to_owned(),
+        Method::Classical if case.classical.integrator == Integrator::Exponential => {
+            "round-off".to_owned()
+        }
         Method::Classical => "that of the time steps, not estimated".to_owned(),
     };
     let of_grid = match case.accuracy {

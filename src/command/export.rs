@@ -138,7 +138,7 @@ pub fn circuit(world: &World, args: &CircuitArgs) -> Result<()> {
 /// that, which is empty if nothing was chosen.
 fn on_a_quantum_computer(case: Case) -> (Case, &'static str) {
     let by_default = scheme_of(&case);
-    if case.names_interface || case.interface == by_default.interface {
+    if case.scheme.names_interface || case.scheme.interface == by_default.scheme.interface {
         return (case, "");
     }
     (by_default, "\ninterface conservative, as `resources` takes it: the case names none")

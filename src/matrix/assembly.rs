@@ -426,7 +426,8 @@ impl BlockMatrix {
         let inflow = inflow_rows(case, &scheme, &block, &equal_rows, &mut row);
         let (rows, size) = rows_by_layers(case, &scheme, &block, &equal_rows, &inflow, &mut row);
         scheme.inflow_is_finite(&row)?;
-        let velocity_lines = VelocityLines::new(&case.space, &block, &scheme.potential, case.flux);
+        let velocity_lines =
+            VelocityLines::new(&case.space, &block, &scheme.potential, case.scheme.flux);
         let InflowRows { list, entering, shared } = inflow;
         let mut this = Self {
             counts_common: block.ranges.iter().all(|r| r.start == 0),

@@ -184,7 +184,7 @@ impl Bounds {
         let jumps_across = jumps.map(|jump| jump.is_some());
         let jumps = jumps_across.contains(&true);
         let inflow = case.embeds();
-        let grows = jumps && !case.is_galerkin() && law_of(case.interface).may_grow();
+        let grows = jumps && !case.is_galerkin() && law_of(case.scheme.interface).may_grow();
         let growth = allowed_growth(case, grows);
         Ok(Self {
             rate,
@@ -310,7 +310,7 @@ fn line_bounds(
         let speed = |j: i64| if moves { velocity(v, j).abs() / x.width() } else { 0.0 };
         bounds.push(LineBounds::new(PhaseLines {
             nodes: [x.nodes, v.nodes],
-            flux: case.flux,
+            flux: case.scheme.flux,
             pieces: faces.pieces(a),
             speeds: (0..v.cells as i64).map(speed).collect(),
             ends: if case.is_closed() { FaceKind::Closed } else { FaceKind::Open },

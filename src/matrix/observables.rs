@@ -186,7 +186,9 @@ pub fn moments(world: &Group, case: &Case, share: &[Range<usize>], fields: &[&[f
             Data::Measure { .. } => {
                 let psi: Vec<&[f64]> = fields[1..].iter().map(|f| &f[here.clone()]).collect();
                 let phi = &fields[0][here];
-                level_sets::concentrate(&mut concentrated, space, case.delta_width, phi, &psi);
+                level_sets::concentrate(
+                    &mut concentrated, space, case.output.delta_width, phi, &psi,
+                );
                 factors.sums(&concentrated)
             }
         }

@@ -116,7 +116,7 @@ pub(crate) fn memory_of_points(work: PlannedWork<'_>, mesh: &ProcessMesh, points
 /// fields are written at several. Measured on one rank: 11.4 kB a chunk of one cell, 8.0 kB if it
 /// is compressed.
 fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
-    let (space, storage) = (grid(case), &case.storage);
+    let (space, storage) = (grid(case), &case.output.storage);
     let at_a_time = storage.most_chunks(&space);
     if at_a_time == 0 {
         return 0;
@@ -137,7 +137,7 @@ fn chunk_bytes(case: &Case, mesh: &ProcessMesh) -> u64 {
 fn pieces_of_a_chunk(case: &Case, space: &PhaseSpace) -> [u64; 2] {
     // Components of a gradient are in one chunk.
     let components = if case.is_measure_valued() { space.dimension() } else { 1 };
-    let chunks = case.storage.chunks.iter().flatten().zip(space.axes());
+    let chunks = case.output.storage.chunks.iter().flatten().zip(space.axes());
     let lengths = chunks.map(|(&length, axis)| length.min(axis.cells));
     let lengths = std::iter::once(components).chain(lengths).take(2 * space.dimension());
     let [mut groups, mut pieces, mut inner] = [0, 0, 1];
@@ -436,10 +436,10 @@ impl<'a> FullestRank<'a> {
             let bytes = IntermediateMoments::bytes(share, self.points, passed as u64, largest);
             list.push(NamedBytes::new("moments on the way", bytes));
         }
-        if !self.case.times.is_empty() {
+        if !self.case.output.times.is_empty() {
             let early = self.early_sums(warp.points.is_some())
                 + self.early(self.fields() - 1)
-                + TIME_BYTES * self.case.times.len() as u64;
+                + TIME_BYTES * self.case.output.times.len() as u64;
             list.push(NamedBytes::new("output times", early));
         }
         list
@@ -447,7 +447,7 @@ impl<'a> FullestRank<'a> {
 
     /// The fields at time zero, of `cells` cells each, if they are kept to be written.
     fn at_start(&self, cells: u64) -> Option<NamedBytes> {
-        self.case.output_at_start.filter(|start| start.fields)?;
+        self.case.output.at_start.filter(|start| start.fields)?;
         Some(NamedBytes::new("fields at time 0", 8 * self.fields() * cells))
     }
 
@@ -456,7 +456,7 @@ impl<'a> FullestRank<'a> {
     fn classical(&self) -> Vec<NamedBytes> {
         let (case, cells, length) = (self.case, self.cells, self.length());
         // Only vectors whose memory is touched count.
-        let vectors = match case.integrator {
+        let vectors = match case.classical.integrator {
             Integrator::ForwardEuler => 1,
             Integrator::Exponential | Integrator::SspRk3 => 2,
         };
@@ -465,11 +465,11 @@ impl<'a> FullestRank<'a> {
             NamedBytes::new("fields", 8 * (self.fields() * cells + length)),
             NamedBytes::new("integrator", 8 * vectors * length),
         ];
-        if !case.times.is_empty() {
+        if !case.output.times.is_empty() {
             list.push(NamedBytes::new("output times", self.early(self.fields())));
         }
         list.extend(self.at_start(cells));
-        if case.limiter != Limiter::None {
+        if case.scheme.limiter != Limiter::None {
             // A slope for each unknown, two neighbours for each space cell and axis, faces at the
             // ends of the box and at about as many jumps.
             let n = case.space.dimension() as u64;
@@ -490,7 +490,7 @@ impl<'a> FullestRank<'a> {
         let steps = u64::from(warp.is_some() && case.propagator.method.order() > 0);
         let numbers = (readings + steps) * self.fields() + plateau;
         let mut list = vec![NamedBytes::new("recovered fields", 8 * numbers * self.share())];
-        if !case.times.is_empty() {
+        if !case.output.times.is_empty() {
             let early = self.early(self.fields()) + self.early_moments();
             list.push(NamedBytes::new("output times", early));
         }
@@ -577,7 +577,7 @@ impl<'a> FullestRank<'a> {
     /// or the values of all velocities.
     fn early_numbers(&self) -> impl Iterator<Item = u64> + '_ {
         let velocities = self.case.space.velocity_cells() as u64;
-        self.case.times.iter().map(move |time| match (time.fields, &self.case.data) {
+        self.case.output.times.iter().map(move |time| match (time.fields, &self.case.data) {
             (false, Data::Density) => MOMENTS as u64,
             _ => velocities,
         })
@@ -600,7 +600,7 @@ impl<'a> FullestRank<'a> {
     fn early_moments(&self) -> u64 {
         let points = self.share() / self.case.space.velocity_cells() as u64;
         let numbers = 2 * 8 * self.moments_of_a_point() * points;
-        (numbers + TIME_BYTES) * self.case.times.len() as u64
+        (numbers + TIME_BYTES) * self.case.output.times.len() as u64
     }
 
     /// Number of values that the moments have at a point: density, momentum and mean velocity along

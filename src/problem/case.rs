@@ -13,11 +13,12 @@
 //!
 //! A key of the case file is a field of its section's table, with its default in the table's
 //! `Default` and its check in the table's `check`: `constants`, `axes`, `potential`, `initial`,
-//! `inflow`, `exact`, `solver`, `warp`, `output`, `readout`. Limits are in
-//! [`limits`](crate::problem::limits).
+//! `inflow`, `time`, `scheme`, `solver`, `warp`, `exact`, `output`, `checkpoint`, `readout`. Limits
+//! are in [`limits`](crate::problem::limits).
 
 pub(crate) mod alpha;
 pub(crate) mod axes;
+mod checkpoint;
 pub(crate) mod conflict;
 pub(crate) mod constants;
 mod coordinates;
@@ -34,8 +35,10 @@ mod potential;
 pub(crate) mod reader;
 pub(crate) mod readout;
 mod result_origin;
+pub(crate) mod scheme;
 pub(crate) mod settings;
 pub(crate) mod solver;
+mod time;
 mod validate;
 pub(crate) mod warp;
 
@@ -47,14 +50,17 @@ pub use crate::problem::case::exact::{Exact, ExactTimes};
 pub use crate::problem::case::inflow::Inflow;
 pub use crate::problem::case::initial::{Data, LiouvilleField, MOST_FIELDS};
 pub use crate::problem::case::keys::ValueKind;
-pub use crate::problem::case::output::{DeltaWidth, IdleInterval, OutputTime, Plateau, Storage};
+pub use crate::problem::case::output::{
+    DeltaWidth, IdleInterval, OutputSettings, OutputTime, Plateau, Storage,
+};
 pub use crate::problem::case::potential::Region;
 pub use crate::problem::case::readout::{MeasurementEffort, ReadoutSettings};
 pub use crate::problem::case::result_origin::{GridErrorPair, ResultOrigin};
+pub use crate::problem::case::scheme::{DEFAULT_FLUX, EndFlux, Interface, Limiter, SchemeSettings};
 pub use crate::problem::case::settings::{Settings, differing_setting};
 pub use crate::problem::case::solver::{
-    AllowedReductions, DEFAULT_CFL, DEFAULT_FLUX, EndFlux, Integrator, Interface, Limiter, Method,
-    Propagation, PropagatorMethod,
+    AllowedReductions, ClassicalSettings, DEFAULT_CFL, Integrator, Method, Propagation,
+    PropagatorMethod, SolverPlaces,
 };
 pub use crate::problem::case::warp::{
     Coefficients, DEFAULT_BETA, DEFAULT_ORDER, Delta, Embedding, ProfileChoice, RecoveryMethod,
@@ -64,6 +70,7 @@ pub use crate::problem::limits::LARGEST_TOLERANCE;
 
 use crate::base::error::{Error, Result};
 use crate::problem::case::axes::AxisPair;
+use crate::problem::case::checkpoint::CheckpointTable;
 use crate::problem::case::constants::ConstantsTable;
 use crate::problem::case::exact::ExactTable;
 use crate::problem::case::file::CaseFile;
@@ -73,7 +80,9 @@ use crate::problem::case::output::OutputTable;
 use crate::problem::case::potential::RegionTable;
 use crate::problem::case::reader::List;
 use crate::problem::case::readout::ReadoutTable;
-use crate::problem::case::solver::{CheckpointTable, SchemeTable, SolverTable, TimeTable};
+use crate::problem::case::scheme::SchemeTable;
+use crate::problem::case::solver::SolverTable;
+use crate::problem::case::time::TimeTable;
 use crate::problem::formula::{Constants, Expression};
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::limits::LONGEST_FILE;
@@ -82,7 +91,6 @@ use serde::Deserialize;
 use serde_json::Value;
 use std::ffi::OsStr;
 use std::io::Read;
-use std::ops::Range;
 use std::path::Path;
 use std::time::Duration;
 
@@ -153,16 +161,8 @@ pub struct Case {
     pub start_time: f64,
     /// `time.end`: final time `T`.
     pub end: f64,
-    /// `scheme.interface`: the law of transmission and reflection at a jump of `V`.
-    pub interface: Interface,
-    /// Whether the case file gives `scheme.interface`.
-    pub names_interface: bool,
-    /// `scheme.flux`: `α` of the numerical flux between elements, 1 upwind, 0 central.
-    pub flux: f64,
-    /// `scheme.ends`: the numerical flux at the ends of the box.
-    pub ends: EndFlux,
-    /// `scheme.limiter`: the slope limiter of the classical method.
-    pub limiter: Limiter,
+    /// `[scheme]`: interface law, numerical fluxes and limiter.
+    pub scheme: SchemeSettings,
     /// `solver.method`: Schrödingerization, or direct integration of the semi-discrete system.
     pub method: Method,
     /// `solver.tolerance`: relative l2 distance to the exact semi-discrete solution.
@@ -170,16 +170,6 @@ pub struct Case {
     /// `solver.accuracy`: relative L1 error of the density for which `run`, `plan` and `check`
     /// choose grid, degree, flux, interface and tolerance.
     pub accuracy: Option<f64>,
-    /// Relative L1 error of the density that the trials for `accuracy` expect on the grid that they
-    /// chose; `None` before that.
-    pub expected_error: Option<f64>,
-    /// Largest number of points of the integrals of the exact solution over the velocities, in a
-    /// study whose time is limited; else as many as they allow themselves.
-    pub most_exact_points: Option<usize>,
-    /// File and line of the tolerance, for errors.
-    pub tolerance_place: String,
-    /// File and line of `solver.warp.interval`, for errors.
-    pub interval_place: String,
     /// `solver.verify`: whether to measure the distance that `tolerance` bounds, which takes one
     /// classical solve.
     pub verify: bool,
@@ -189,41 +179,18 @@ pub struct Case {
     pub warp: Warp,
     /// `[solver.propagator]`: the method that propagates the modes, and its time step.
     pub propagator: Propagation,
-    /// `solver.classical.integrator`: the time integrator of the classical method.
-    pub integrator: Integrator,
-    /// `solver.classical.cfl`: the step of explicit methods, relative to the longest one that keeps
-    /// the maximum principle.
-    pub cfl: f64,
+    /// `[solver.classical]`: the settings of the classical method.
+    pub classical: ClassicalSettings,
     /// `[solver.reduce]`: the reductions that are allowed.
     pub reduce: AllowedReductions,
-    /// The reductions that were made, and those that could not be made.
-    pub reductions: Reductions,
+    /// Files and lines of settings of `[solver]`, for errors.
+    pub places: SolverPlaces,
     /// `[exact]`: the exact solution with which results are compared.
     pub exact: Option<Exact>,
     /// `exact.moments`: the times at which moments of the exact solution are computed.
     pub exact_times: ExactTimes,
-    /// `output.recovery_points`: number of points in `p` at which the field is read at the end.
-    /// With 2 there is an error estimate.
-    pub recovery_points: usize,
-    /// `output.plateau`: the points in `p` at which the first field is read for comparison.
-    pub plateau: Option<Plateau>,
-    /// The output at time zero, from `output.moment_times`, `field_times` and `fields_every`.
-    pub output_at_start: Option<OutputTime>,
-    /// All other output times before the end, ascending.
-    pub times: Vec<OutputTime>,
-    /// `output.moments_every` and `output.fields_every`, where they are longer than the run.
-    pub idle_intervals: Vec<IdleInterval>,
-    /// `output.warped_field`: whether all modes are kept and `w(t, x, v, p)` is written.
-    pub warped_field: bool,
-    /// `output.expand`: whether results are written on the whole grid, reduced axes included.
-    pub expand: bool,
-    /// `output.positive`: whether `f` is limited to positive values before it is written.
-    pub positive: bool,
-    /// `output.delta_width`: the half-width of the discrete delta function, for measure-valued
-    /// data.
-    pub delta_width: DeltaWidth,
-    /// How the fields are stored.
-    pub storage: Storage,
+    /// `[output]`: what is written, when, and how it is stored.
+    pub output: OutputSettings,
     /// `checkpoint.minutes`: time between checkpoints; `None` if they are not made by the clock.
     pub checkpoint_every: Option<Duration>,
     /// `[readout]`: the observables that are measured on a quantum computer.
@@ -234,6 +201,10 @@ pub struct Case {
     pub overrides: Vec<String>,
     /// Every value that the file and the options give, by key.
     pub settings: Settings,
+    /// The reductions that were made, and those that could not be made.
+    pub reductions: Reductions,
+    /// What a study sets.
+    pub study: StudySettings,
 }
 
 impl Case {
@@ -261,21 +232,18 @@ impl Case {
     /// The case of `tables`. Each section is checked by itself.
     fn new(file: &CaseFile<'_>, tables: CaseTables) -> Result<Self> {
         let space = axes::space(file, &tables.axis.0, tables.scheme.degree)?;
-        let degree = space.degree();
         let n = space.dimension();
         let potential = potential::regions(file, &tables.potential.0, n)?;
-        let reflects = potential.iter().any(|region| region.reflection.is_some());
         let (data, fields) = tables.initial.check(file, n, &tables.inflow)?;
-        let Range { start: start_time, end } = tables.time.check(file)?;
-        let duration = end - start_time;
-        let solver = tables.solver;
-        let flux = tables.scheme.flux(file, degree)?;
-        let output = tables.output;
+        let run = tables.time.check(file)?;
+        let duration = run.end - run.start;
+        let scheme = tables.scheme.check(file, &space, &potential)?;
         let warped_start = tables.initial.warped_start(file)?;
         let start_field = tables.initial.field(file, &data)?;
         let regions = &tables.potential.0;
         let files = table_files(file, regions, &tables.initial, &tables.inflow, n)?;
-        let times = output.times(file, start_time..end, warped_start.is_none())?;
+        let output = tables.output.check(file, &space, run.clone(), warped_start.is_none())?;
+        let solver = tables.solver;
         Ok(Self {
             name: file.name.to_owned(),
             title: if tables.title.is_empty() { file.last_name() } else { tables.title },
@@ -289,43 +257,27 @@ impl Case {
             warped_start,
             start_field,
             tables: files,
-            start_time,
-            end,
-            interface: tables.scheme.law(degree > 0 || reflects || flux < 1.0),
-            names_interface: tables.scheme.interface.is_some(),
-            flux,
-            ends: tables.scheme.ends,
-            limiter: tables.scheme.limiter,
+            start_time: run.start,
+            end: run.end,
+            scheme,
             method: solver.method,
             tolerance: solver.tolerance(file)?,
             accuracy: solver.accuracy(file)?,
-            expected_error: None,
-            most_exact_points: None,
-            tolerance_place: file.place("solver.tolerance"),
-            interval_place: file.place("solver.warp.interval"),
             verify: solver.verify,
             strict: solver.strict,
             warp: solver.warp.check(file, duration)?,
             propagator: solver.propagator.check(file, duration)?,
-            integrator: solver.classical.integrator,
-            cfl: solver.classical.cfl(file)?,
+            classical: solver.classical.check(file)?,
             reduce: solver.reduce,
-            reductions: Reductions::default(),
-            recovery_points: output.recovery_points(file)?,
-            plateau: output.plateau(file)?,
-            storage: output.storage(file, &space, &times)?,
-            output_at_start: times.start,
-            times: times.between,
-            idle_intervals: times.idle,
-            warped_field: output.warped_field,
-            expand: output.expand,
-            positive: output.positive,
-            delta_width: output.delta_width,
+            places: SolverPlaces::of(file),
+            output,
             checkpoint_every: tables.checkpoint.check(file)?,
             readout: tables.readout.map(|table| table.check(file, &space)).transpose()?,
             text: file.text.to_owned(),
             overrides: file.overrides.to_vec(),
             settings: file.settings(),
+            reductions: Reductions::default(),
+            study: StudySettings::default(),
             space,
         })
     }
@@ -334,7 +286,7 @@ impl Case {
     /// flux other than upwind, or partial reflection. A reduced case keeps the scheme of the whole
     /// one.
     pub fn is_galerkin(&self) -> bool {
-        self.space.whole_degree() > 0 || self.flux < 1.0 || self.reflects()
+        self.space.whole_degree() > 0 || self.scheme.flux < 1.0 || self.reflects()
     }
 
     /// Whether the initial data are a measure, represented by level sets.
@@ -345,23 +297,23 @@ impl Case {
     /// Whether the scheme of degree 0 for this case is the upwind scheme, with interface laws and
     /// limiters. For a case of a higher degree: whether it would be at degree 0.
     pub fn has_upwind_cells(&self) -> bool {
-        !self.reflects() && (self.space.whole_degree() > 0 || self.flux >= 1.0)
+        !self.reflects() && (self.space.whole_degree() > 0 || self.scheme.flux >= 1.0)
     }
 
     /// `scheme.flux`; `None` for the upwind scheme of degree 0.
     pub fn flux_of_elements(&self) -> Option<f64> {
-        (self.space.whole_degree() > 0 || self.flux < 1.0).then_some(self.flux)
+        (self.space.whole_degree() > 0 || self.scheme.flux < 1.0).then_some(self.scheme.flux)
     }
 
     /// Whether no particle leaves or enters through the ends of the box.
     pub fn is_closed(&self) -> bool {
-        self.ends == EndFlux::Closed
+        self.scheme.ends == EndFlux::Closed
     }
 
     /// Whether the scheme has the central flux and closed ends. It is unitary then, unless there is
     /// partial reflection.
     pub fn is_unitary(&self) -> bool {
-        self.flux == 0.0 && self.is_closed()
+        self.scheme.flux == 0.0 && self.is_closed()
     }
 
     /// Whether a region reflects part of the particles that could be transmitted.
@@ -518,7 +470,7 @@ impl Case {
 
     /// The times before the end at which results are written.
     pub fn shown_times(&self) -> impl Iterator<Item = &OutputTime> + Clone {
-        self.output_at_start.iter().chain(&self.times)
+        self.output.at_start.iter().chain(&self.output.times)
     }
 
     /// Whether moments of the exact solution are computed at the output times before the end.
@@ -542,7 +494,7 @@ impl Case {
 
     /// Simulated time of each leg of the run, from one output time to the next and to the end.
     pub fn legs(&self) -> Vec<f64> {
-        let ends = (self.times.iter().map(|t| t.time)).chain([self.end]);
+        let ends = (self.output.times.iter().map(|t| t.time)).chain([self.end]);
         let mut now = self.start_time;
         ends.map(|end| end - std::mem::replace(&mut now, end)).collect()
     }
@@ -594,4 +546,15 @@ pub struct Reductions {
     pub idle_unknowns: bool,
     /// Whether modes of both signs are propagated, and not only `l ≥ 0`.
     pub every_mode: bool,
+}
+
+/// What a study sets in the cases that it makes. A case file does not give it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StudySettings {
+    /// Relative L1 error of the density that the trials for `solver.accuracy` expect on the grid
+    /// that they chose; `None` before that.
+    pub expected_error: Option<f64>,
+    /// Largest number of points of the integrals of the exact solution over the velocities, in a
+    /// study whose time is limited; else as many as they allow themselves.
+    pub most_exact_points: Option<usize>,
 }

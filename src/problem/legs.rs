@@ -23,7 +23,7 @@ impl Leg {
     /// at each, as their moments are not linear in the fields.
     pub fn all(case: &Case) -> Vec<Self> {
         let linear = !case.is_measure_valued();
-        let wants = case.times.iter().map(|t| linear && !t.fields);
+        let wants = case.output.times.iter().map(|t| linear && !t.fields);
         (case.legs().into_iter().zip(wants.chain([false])))
             .map(|(time, moments_only)| Self::new(time, moments_only))
             .collect()

@@ -230,7 +230,7 @@ impl<'a> Classical<'a> {
         steps: usize,
         state: &mut [f64],
     ) {
-        match case.integrator {
+        match case.classical.integrator {
             Integrator::Exponential if self.source.is_some() => {
                 let panels = duhamel_panels(case, span.rate);
                 self.duhamel(exchange, state, span, &panels);
@@ -445,7 +445,7 @@ fn exponential_parts(courant: f64, by_elements: bool) -> usize {
 /// Steps of the classical method, leg by leg.
 pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
     let rate = bounds.rate;
-    let steps = |&time: &f64| match case.integrator {
+    let steps = |&time: &f64| match case.classical.integrator {
         // The results of such a run are written at the end only: one leg.
         Integrator::Exponential if case.varies() => {
             duhamel_applications(rate, &duhamel_panels(case, rate))
@@ -455,7 +455,8 @@ pub fn classical_steps(case: &Case, bounds: &Bounds) -> Vec<usize> {
             parts * poisson_window(rate * time / parts as f64, EXACT).end
         }
         Integrator::ForwardEuler | Integrator::SspRk3 => {
-            (rate * time / (case.cfl * longest_step(case.limiter))).ceil().max(1.0) as usize
+            (rate * time / (case.classical.cfl * longest_step(case.scheme.limiter))).ceil().max(1.0)
+                as usize
         }
     };
     case.legs().iter().map(steps).collect()

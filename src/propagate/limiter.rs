@@ -137,14 +137,14 @@ impl Reconstruction {
     /// # Errors
     /// [`crate::base::error::Error::Formula`] where the inflow is not finite. Not collective.
     pub fn new(case: &Case, matrix: &BlockMatrix, field: usize) -> Result<Option<Self>> {
-        if case.limiter == Limiter::None {
+        if case.scheme.limiter == Limiter::None {
             return Ok(None);
         }
         let scheme = Scheme::new(case, &matrix.block.wide_ranges())?;
         let mut row = Row::default();
         let n = case.space.dimension();
         let this = Self {
-            limiter: case.limiter,
+            limiter: case.scheme.limiter,
             velocity_cells: matrix.block.velocity_cells,
             transport: (0..n)
                 .map(|a| LimitedTransport::new(&case.space, &scheme, matrix, a, field, &mut row))

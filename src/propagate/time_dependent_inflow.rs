@@ -317,7 +317,7 @@ fn refuse_small_tolerance(case: &Case) -> Result<()> {
         return Ok(());
     }
     Err(Error::Tolerance {
-        place: case.tolerance_place.clone(),
+        place: case.places.tolerance.clone(),
         tolerance: case.tolerance,
         smallest: SMALLEST,
         ratio: 1.0,

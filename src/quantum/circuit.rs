@@ -100,7 +100,7 @@ fn circuit_modes(case: &Case, counts: &ResourceCounts, choice: &CircuitChoice) -
     match choice.wavenumber {
         Some(mu) => CircuitModes::One(mu),
         // The unitary scheme: H = iK.
-        None if case.flux == 0.0 => CircuitModes::One(0.0),
+        None if case.scheme.flux == 0.0 => CircuitModes::One(0.0),
         None => {
             let highest = counts.setup.highest_wavenumber;
             choice.mode_weights.of_register(counts.points, counts.period, highest)
@@ -110,7 +110,7 @@ fn circuit_modes(case: &Case, counts: &ResourceCounts, choice: &CircuitChoice) -
 
 /// The tolerance of the walk. The unitary scheme's one mode is the field, whatever the profile.
 fn walk_tolerance(case: &Case, counts: &ResourceCounts) -> LabelledNumber {
-    match case.flux {
+    match case.scheme.flux {
         0.0 => LabelledNumber::exact(case.tolerance),
         _ => counts.walk_tolerance.clone(),
     }

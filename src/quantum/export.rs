@@ -287,7 +287,7 @@ impl ExportDescription {
         Self {
             owner: ExportOwner::new(ExportKind::Quantum, &case.settings),
             title: case.title.clone(),
-            interface: case.interface,
+            interface: case.scheme.interface,
             qubits_p: registers.p,
             qubits_phase_space: registers.phase_space.clone(),
             qubits_label: registers.label,

@@ -24,7 +24,7 @@ use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::problem::case::{
     Alpha, Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, EndFlux, Interface, Limiter,
-    Method, ProfileChoice,
+    Method, ProfileChoice, SchemeSettings,
 };
 use crate::problem::limits::{ALPHAS, BETAS, LOW_SOMMA_POINTS, MOST_ORDER, SIGMAS};
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
@@ -52,8 +52,8 @@ const FURTHEST: f64 = 2.0;
 /// needs weights the conservative one, which is stable without them.
 pub fn scheme_of(case: &Case) -> Case {
     let mut case = case.clone();
-    if law_of(case.interface).may_grow() {
-        (case.interface, case.warp.weights) = (Interface::Conservative, false);
+    if law_of(case.scheme.interface).may_grow() {
+        (case.scheme.interface, case.warp.weights) = (Interface::Conservative, false);
     }
     case
 }
@@ -75,9 +75,15 @@ pub fn unitary_of(case: &Case) -> Result<Case> {
 
 /// `case` with that scheme, which is unitary if nothing enters or is reflected in part.
 pub fn with_unitary_scheme(case: &Case) -> Case {
-    let mut case = Case { flux: 0.0, ends: EndFlux::Closed, ..case.clone() };
-    (case.interface, case.warp.weights) = (Interface::Conservative, false);
-    (case.limiter, case.method) = (Limiter::None, Method::Schrodingerized);
+    let mut case = case.clone();
+    case.scheme = SchemeSettings {
+        interface: Interface::Conservative,
+        flux: 0.0,
+        ends: EndFlux::Closed,
+        limiter: Limiter::None,
+        ..case.scheme
+    };
+    (case.method, case.warp.weights) = (Method::Schrodingerized, false);
     case
 }
 

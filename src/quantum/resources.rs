@@ -393,7 +393,7 @@ impl ResourceCounts {
             unknowns,
             time: case.duration(),
             tolerance: case.tolerance,
-            interface: case.interface,
+            interface: case.scheme.interface,
             weighted: bounds.weighted,
             setup: CountSetup::new(case, state),
             points,

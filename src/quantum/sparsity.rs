@@ -125,7 +125,7 @@ pub fn measure(case: &Case, matrix: &BlockMatrix, space: &Group) -> Result<Spars
         case.space.v.iter().zip(&jumps).map(|(v, &jump)| q(v.width(), jump)).collect();
     let symmetric = (case.space.v.iter())
         .all(|v| (v.lower + v.upper).abs() < 1e-9 * v.width() && v.cells % 2 == 0);
-    let bounded = symmetric && case.interface == Interface::Hat;
+    let bounded = symmetric && case.scheme.interface == Interface::Hat;
     let report = CountsReport { case, space, bounded };
 
     let mut parts = NonzeroParts::new(n, block);

@@ -439,7 +439,7 @@ impl Accuracy {
             _ => "a ",
         };
         let or = match degree {
-            0 if case.limiter != Limiter::None => String::new(),
+            0 if case.scheme.limiter != Limiter::None => String::new(),
             0 if may_have_slopes => {
                 format!(", {article}{key} above 0{needs} or slopes (scheme.limiter)")
             }
@@ -466,7 +466,7 @@ impl Accuracy {
 /// least this `degree`: `degree + 1`, but 2 for degree 0 with the central flux or slopes. `None`
 /// for measure-valued data.
 fn largest_order(case: &Case, degree: usize) -> Option<f64> {
-    let is_second = case.limiter != Limiter::None || case.flux == 0.0;
+    let is_second = case.scheme.limiter != Limiter::None || case.scheme.flux == 0.0;
     let order = if degree == 0 && is_second { 2.0 } else { (degree + 1) as f64 };
     (!case.is_measure_valued()).then_some(order)
 }

@@ -38,7 +38,7 @@ pub fn axes(writer: &Writer<'_>, case: &Case) -> hdf5::Result<()> {
     }
     let names = names(case.space.dimension());
     for (a, (name, axis)) in names.into_iter().zip(case.space.axes()).enumerate() {
-        let chunk = case.storage.chunks.as_ref();
+        let chunk = case.output.storage.chunks.as_ref();
         let chunk = chunk.map(|chunks| chunks[a].div_ceil(axis.nodes.count()));
         writer.scale(name, &axis.by_elements().centres(), chunk)?;
     }

@@ -45,7 +45,7 @@ fn names() -> impl Iterator<Item = String> {
 
 /// Names of all files that any run may write here, and whether a run of `case` writes them.
 pub(crate) fn files(case: &Case) -> impl Iterator<Item = (String, bool)> + use<> {
-    let (dimension, xdmf) = (case.space.dimension(), case.storage.xdmf);
+    let (dimension, xdmf) = (case.space.dimension(), case.output.storage.xdmf);
     let planes = (0..GRIDS.len()).map(move |k| k < dimension || GRIDS[k] == "space");
     let written = std::iter::once(true).chain(planes);
     names().zip(written).map(move |(name, written)| (name, xdmf && written))
@@ -53,7 +53,7 @@ pub(crate) fn files(case: &Case) -> impl Iterator<Item = (String, bool)> + use<>
 
 /// Upper bound on the bytes of points, cells and virtual datasets.
 pub(crate) fn most_bytes(case: &Case) -> usize {
-    if !case.storage.xdmf {
+    if !case.output.storage.xdmf {
         return 0;
     }
     let space = &case.space;

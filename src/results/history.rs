@@ -34,7 +34,7 @@ pub fn axes(writer: &Writer<'_>, results: &Results<'_>) -> hdf5::Result<()> {
     if results.early.is_empty() {
         return Ok(());
     }
-    let one = results.case.storage.chunks.as_ref().map(|_| 1);
+    let one = results.case.output.storage.chunks.as_ref().map(|_| 1);
     let times = results.early.iter().map(|e| e.time);
     let all: Vec<f64> = times.chain([results.case.end]).collect();
     writer.scale(TIME, &all, one)?;

@@ -55,7 +55,7 @@ impl Summary {
             asked,
             goal: case.accuracy,
             goal_error: self.accuracy.goal_error,
-            goal_estimate: case.expected_error,
+            goal_estimate: case.study.expected_error,
             algorithm,
             algorithm_unknown,
             staircase: hides_staircase(case),
@@ -87,7 +87,9 @@ impl Summary {
             // The line about a missed tolerance says it all.
             accuracy.under_resolved = accuracy.is_coarse() && self.missed.tolerance.is_none();
             let knob = match (case.method, self.step_error, &self.continued) {
-                (Method::Classical, _, Some(_)) if case.integrator == Integrator::Exponential => {
+                (Method::Classical, _, Some(_))
+                    if case.classical.integrator == Integrator::Exponential =>
+                {
                     "a smaller solver.tolerance of the first part"
                 }
                 (Method::Classical, ..) => "a smaller solver.classical.cfl",

@@ -87,7 +87,7 @@ pub fn put_in_place<T>(
 fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<GridsAtTime>> {
     let plan = plan_text(results.plan);
     let most = most_bytes(results.case) + plan.len() as u64;
-    let writer = Writer::create(world, path, most, &results.case.storage)?;
+    let writer = Writer::create(world, path, most, &results.case.output.storage)?;
     writer.metadata(|| attributes(&writer, world.size(), &results.about(), &plan))?;
     writer.metadata(|| axes(&writer, results))?;
     let layout = DatasetLayout::new(&results.case.space, results.share);
@@ -105,7 +105,7 @@ fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<Gr
         writer.metadata(|| write_readout(&writer, readout))?;
     }
     let steps =
-        if results.case.storage.xdmf { views::write(&writer, results)? } else { Vec::new() };
+        if results.case.output.storage.xdmf { views::write(&writer, results)? } else { Vec::new() };
     writer.close()?;
     Ok(steps)
 }
@@ -126,7 +126,7 @@ pub fn most_bytes(case: &Case) -> u64 {
     const MARGIN: usize = 256 << 10;
     /// Bytes of the index entry of a chunk, if nodes of the index are half full.
     const CHUNK_ENTRY: usize = 160;
-    let (space, storage) = (&case.space, &case.storage);
+    let (space, storage) = (&case.space, &case.output.storage);
     let n = space.dimension();
     // Number of datasets over phase space and over space, and points of the curve.
     let (mut fields, mut moments, mut points) = (case.fields.len(), 2 + 2 * n, 0);
@@ -205,7 +205,7 @@ pub(crate) fn attributes(
 
 /// Writes the dimension scales of phase space.
 pub(crate) fn phase_axes(writer: &Writer<'_>, case: &Case) -> hdf5::Result<()> {
-    let chunks = &case.storage.chunks;
+    let chunks = &case.output.storage.chunks;
     writer.file().create_group("axis")?;
     let chunk = |axis: usize| chunks.as_ref().map(|chunks| chunks[axis]);
     let names = axis_names(case.space.dimension());
@@ -230,7 +230,7 @@ fn axes(writer: &Writer<'_>, results: &Results<'_>) -> hdf5::Result<()> {
     let n = results.case.space.dimension();
     let numbers = |count: usize| -> Vec<f64> { (0..count).map(|c| c as f64).collect() };
     writer.scale(COMPONENT, &numbers(n), None)?;
-    if results.case.storage.xdmf && n > 1 {
+    if results.case.output.storage.xdmf && n > 1 {
         writer.scale(DIRECTION, &numbers(3), None)?;
     }
     if let Some(curve) = results.curve() {

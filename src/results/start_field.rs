@@ -59,7 +59,7 @@ fn checked_origin(path: &Path, case: &Case) -> FileResult<ResultOrigin> {
         time,
         error,
         grid_errors,
-        positive: case_of.as_ref().is_some_and(|case| case.positive),
+        positive: case_of.as_ref().is_some_and(|case| case.output.positive),
         is_same_problem: case_of.is_some_and(|before| {
             let has_known_past =
                 before.starts_anew() || text_attribute(&file, SAME_PROBLEM).is_ok();
@@ -100,7 +100,7 @@ impl OriginErrors {
         // The field before `output.positive` is not stored.
         let exact = || {
             let applications = summary["matvecs"].as_u64()? as usize;
-            exponential_error(case.filter(|case| !case.positive)?, applications)
+            exponential_error(case.filter(|case| !case.output.positive)?, applications)
         };
         let measured = summary["error_semidiscrete"].as_f64();
         Self { error: measured.or(estimate).or_else(exact), grid_errors }

@@ -40,10 +40,10 @@ pub fn file_name(field: &str, early: Option<usize>) -> String {
 
 /// Names of the files that a run writes.
 pub fn names(case: &Case) -> Vec<String> {
-    let times = case.times.iter().filter(|t| t.fields).count();
+    let times = case.output.times.iter().filter(|t| t.fields).count();
     let of =
         |field: &'static str| (1..=times).map(Some).chain([None]).map(move |t| file_name(field, t));
-    let fields = case.fields.iter().filter(|_| case.warped_field);
+    let fields = case.fields.iter().filter(|_| case.output.warped_field);
     fields.flat_map(|field| of(field.name)).collect()
 }
 

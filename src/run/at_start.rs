@@ -19,7 +19,7 @@ pub fn at_start(prepared: &mut Prepared) -> Option<EarlyResult> {
     let moments = moments(world, case, share, &mine);
     let volumes = CellVolumes::new(&case.space, share);
     let totals = volumes.totals(world, &moments, &nodal_values(case, share));
-    let fields = if case.output_at_start.is_some_and(|start| start.fields) {
+    let fields = if case.output.at_start.is_some_and(|start| start.fields) {
         mine.iter().map(|field| field.to_vec()).collect()
     } else {
         Vec::new()

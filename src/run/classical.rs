@@ -45,7 +45,8 @@ pub(crate) fn integrate_fields(
         fields.push(FieldReadings::single(field));
         early.push(FieldHistory { times });
     }
-    summary.matvecs = case.integrator.stages() * plan.classical_steps * system.states.len();
+    summary.matvecs =
+        case.classical.integrator.stages() * plan.classical_steps * system.states.len();
     summary.matvecs_here = summary.matvecs;
     let early = history(prepared, early);
     Ok(SolvedFields { fields, plateau: Vec::new(), early, warning: None })

@@ -105,7 +105,8 @@ pub(crate) fn verify(
     prints: bool,
     summary: &mut Summary,
 ) {
-    let reference = Case { integrator: Integrator::Exponential, ..prepared.case.clone() };
+    let mut reference = prepared.case.clone();
+    reference.classical.integrator = Integrator::Exponential;
     let volumes = volumes_of(prepared);
     for (k, readings) in solution.fields.iter().enumerate() {
         // No leg ends at the start, which may be among the output times.

@@ -257,8 +257,8 @@ impl AxisLines<'_> {
         let behind = f[i] - f[self.beside(cell, !up)?];
         let ahead = f[self.beside(cell, up)?] - f[i];
         let third = (2.0 * ahead + behind) / 6.0;
-        let central = 0.5 * (1.0 - self.case.flux) * ahead;
-        Some(third - half_difference(self.case.limiter, behind, ahead) - central)
+        let central = 0.5 * (1.0 - self.case.scheme.flux) * ahead;
+        Some(third - half_difference(self.case.scheme.limiter, behind, ahead) - central)
     }
 
     /// The root mean square variation of `f` within `cell`, with the sign of its slope.

@@ -44,8 +44,8 @@ struct AtTime {
 /// The times at which the exact solution of `case` is computed, the end last.
 fn times(case: &Case) -> Vec<f64> {
     // If the run starts from modes, the data at the start are not known.
-    let at_start = case.output_at_start.iter().filter(|_| case.warped_start.is_none());
-    let earlier = at_start.chain(&case.times).filter(|_| case.has_exact_history());
+    let at_start = case.output.at_start.iter().filter(|_| case.warped_start.is_none());
+    let earlier = at_start.chain(&case.output.times).filter(|_| case.has_exact_history());
     earlier.map(|time| time.time).chain([case.end]).collect()
 }
 

@@ -51,7 +51,7 @@ pub(crate) fn expand(
     let early = (solution.early.into_iter()).map(|early| result_grid.early(share, early)).collect();
     let (world, case) = (&prepared.communicator.world, &result_grid.case);
     let volumes = CellVolumes::new(&case.space, &result_grid.share(share));
-    if case.positive {
+    if case.output.positive {
         let norms = FieldNorms { world, volumes: &volumes, f: &fields[0] };
         let [minimum, _] = norms.range();
         summary.minimum_before_limiting = Some(minimum);

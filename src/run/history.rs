@@ -18,7 +18,7 @@ pub(super) fn history(prepared: &Prepared, mut recovered: Vec<FieldHistory>) -> 
     let at_time = |t: usize| {
         let states = recovered.iter_mut().map(|field| std::mem::take(&mut field.times[t]));
         let found = states.collect();
-        let time = &case.times[t];
+        let time = &case.output.times[t];
         let (moments, fields) = if legs[t].moments_only {
             (moments_of_sums(prepared, found), Vec::new())
         } else {
@@ -31,7 +31,7 @@ pub(super) fn history(prepared: &Prepared, mut recovered: Vec<FieldHistory>) -> 
             fields,
         }
     };
-    (0..case.times.len()).map(at_time).collect()
+    (0..case.output.times.len()).map(at_time).collect()
 }
 
 fn moments_of_sums(prepared: &Prepared, found: Vec<Vec<f64>>) -> Moments {

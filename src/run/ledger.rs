@@ -277,7 +277,7 @@ fn outflow(case: &Case, sources: &SourceEstimates, ledger: &mut Ledger) {
     let mass = &mut ledger.mass;
     mass.particles = REPLICATES * (FOLLOWED[0] + FOLLOWED[1] * sources.entering.len());
     let is_measure = case.is_measure_valued();
-    if is_measure && law_of(case.interface).may_grow() {
+    if is_measure && law_of(case.scheme.interface).may_grow() {
         let why =
             "mass that the interface law adds: it changes phi and psi, not the density itself";
         ledger.omitted.push(why.into());

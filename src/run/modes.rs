@@ -235,10 +235,10 @@ impl ModeRun<'_> {
         let DistributedModes { case, plan, warp, spread } = self.planned;
         let WarpPlan { series, interval, legs, .. } = warp;
         // Files of times before the end have a number in their name.
-        let times = &case.times;
+        let times = &case.output.times;
         let time = Leg::output_times(&legs[..=leg]).count() - 1;
         let wanted = |time: &usize| times.get(*time).is_none_or(|t| t.fields);
-        if !case.warped_field || !wanted(&time) {
+        if !case.output.warped_field || !wanted(&time) {
             return Ok(());
         }
         let started = Instant::now();
@@ -337,7 +337,7 @@ fn refuse_uneven(
         String::new()
     };
     let bound = MOST_UNEVEN.max(10.0 * case.tolerance);
-    if uneven <= bound || case.warped_field {
+    if uneven <= bound || case.output.warped_field {
         let warns = uneven > case.tolerance;
         return Ok(warns.then(|| format!("initial.warped: {finding}{beyond}")));
     }

@@ -188,7 +188,7 @@ impl<'a> Driver<'a> {
         // Memory of the particles' paths goes back before the solve.
         memory::give_back();
         self.log.watch.lap("observables");
-        let early = at_start.filter(|_| planned.prepared.case.output_at_start.is_some());
+        let early = at_start.filter(|_| planned.prepared.case.output.at_start.is_some());
         Ok(StartObserved { totals, early, ledger, entered, arrivals })
     }
 

@@ -17,7 +17,7 @@ impl Summary {
         self.version = env!("CARGO_PKG_VERSION").to_owned();
         self.git = GIT.to_owned();
         self.method = Some(case.method);
-        self.interface = Some(case.interface);
+        self.interface = Some(case.scheme.interface);
         self.ranks = communicator.world.size();
         self.space_blocks = plan.layout.mesh.space.clone();
         self.mode_groups = plan.layout.mesh.groups;

@@ -22,7 +22,7 @@ pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
         .chain(variation_in_cells(case))
         .chain(idle_degree(case))
         .chain(idle_reflections(case))
-        .chain(case.idle_intervals.iter().map(|idle| idle_interval(case, idle)))
+        .chain(case.output.idle_intervals.iter().map(|idle| idle_interval(case, idle)))
         .chain(short_tables(case))
         .collect()
 }

@@ -16,7 +16,7 @@ pub fn warnings(case: &Case) -> Vec<String> {
     let found = unresolved_regions(case);
     let idle = (!case.enters() && case.warp.delta != Delta::Planned)
         .then(|| "solver.warp.delta has no effect: nothing enters (inflow.value is 0)".to_owned());
-    let unread = (case.method == Method::Classical && case.plateau.is_some()).then(|| {
+    let unread = (case.method == Method::Classical && case.output.plateau.is_some()).then(|| {
         "output.plateau has no effect: with solver.method = \"classical\" nothing is read at any p"
             .to_owned()
     });
@@ -48,10 +48,11 @@ const LEAST_DECAY: f64 = 0.5;
 /// The warning of steps of forward Euler that grow: `|1 + λ Δt| > 1` for eigenvalues `λ` near the
 /// imaginary axis.
 fn unstable_steps(case: &Case) -> Option<String> {
-    let explicit = case.method == Method::Classical && case.integrator == Integrator::ForwardEuler;
+    let explicit =
+        case.method == Method::Classical && case.classical.integrator == Integrator::ForwardEuler;
     let degree = case.space.whole_degree();
     let what = match degree {
-        0 if case.flux < LEAST_DECAY => format!("scheme.flux = {}", case.flux),
+        0 if case.scheme.flux < LEAST_DECAY => format!("scheme.flux = {}", case.scheme.flux),
         0 => return None,
         _ => format!("scheme.degree = {degree}"),
     };

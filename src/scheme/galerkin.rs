@@ -57,8 +57,8 @@ impl Elements {
             }
         }
         Ok(Self {
-            inflow_part: 0.5 * (1.0 + case.flux),
-            outflow_part: 0.5 * (1.0 - case.flux),
+            inflow_part: 0.5 * (1.0 + case.scheme.flux),
+            outflow_part: 0.5 * (1.0 - case.scheme.flux),
             closed: case.is_closed(),
             couplings,
         })

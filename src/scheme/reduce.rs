@@ -98,11 +98,12 @@ fn key_needing_whole_grid(case: &Case) -> Option<&'static str> {
     let keys = [
         ("initial.warped", case.warped_start.is_some()),
         ("initial.field", case.start_field.is_some()),
-        ("output.warped_field", case.warped_field),
+        ("output.warped_field", case.output.warped_field),
         ("[readout]", case.readout.is_some()),
         (
             "solver.classical.integrator, whose steps are as long as the grid allows",
-            case.method == Method::Classical && case.integrator != Integrator::Exponential,
+            case.method == Method::Classical
+                && case.classical.integrator != Integrator::Exponential,
         ),
     ];
     keys.into_iter().find(|(_, given)| *given).map(|(key, _)| key)
@@ -191,7 +192,7 @@ fn why_kept(case: &Case, a: usize) -> Option<String> {
 /// The grid on which the results of `case` are shown.
 pub fn grid(case: &Case) -> PhaseSpace {
     case.space.with_axes(|axis| match axis.part {
-        AxisPart::Merged { .. } if !case.expand => axis.clone(),
+        AxisPart::Merged { .. } if !case.output.expand => axis.clone(),
         _ => axis.whole(),
     })
 }

@@ -185,7 +185,7 @@ impl<'a> Scheme<'a> {
         };
         let mut list = std::mem::take(&mut row.scratch);
         let (v, j) = (&self.space.v[a], cell[n + a] as i64);
-        sources(&mut list, v, self.case.interface, j, rise);
+        sources(&mut list, v, self.case.scheme.interface, j, rise);
         for source in &list {
             let i = match source.side {
                 SourceSide::Across => cell[a] as i64 + step,

@@ -150,7 +150,7 @@ impl Outline {
 pub(crate) fn takes_one_mode(case: &Case, bounds: &Bounds) -> bool {
     let warp = &case.warp;
     let by_hand = warp.choice() != ProfileChoice::Planned || warp.recovery.is_some();
-    let is_shown = case.warped_field || case.plateau.is_some();
+    let is_shown = case.output.warped_field || case.output.plateau.is_some();
     let shifted = shift(case, bounds) != 0.0;
     bounds.is_skew() && !bounds.inflow && !by_hand && !is_shown && !shifted
 }

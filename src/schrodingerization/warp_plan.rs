@@ -136,7 +136,8 @@ impl WarpPlan {
             applications,
             solves,
             amplification: modes.amplification(reading),
-            points: (case.warped_field || case.warped_start.is_some()).then(|| points(series)),
+            points: (case.output.warped_field || case.warped_start.is_some())
+                .then(|| points(series)),
             mode_tolerances,
             work,
             legs,

@@ -6,7 +6,7 @@ use crate::base::log::eprint_wrapped;
 use crate::base::text::seconds_text;
 use crate::base::{checksum, disk};
 use crate::parallel::communicator::World;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, StudySettings};
 use crate::results::chosen_setup::{self, ChosenSetup};
 use crate::study::advise::report::warnings;
 use crate::study::advise::setups::SetupReport;
@@ -30,8 +30,7 @@ pub fn stored(world: &World, case: &Case, accuracy: f64, directory: &Path) -> Op
     let of_file = || Ok(ChosenSetup::read(directory).filter(same));
     let choice = world.group().of_first_rank(of_file).ok()??;
     let found = case.with_settings(choice.settings).ok()?;
-    let expected_error = choice.expected_error;
-    Some(Case { accuracy: Some(accuracy), expected_error, ..found })
+    Some(with_accuracy(found, accuracy, choice.expected_error))
 }
 
 /// What identifies a case before its settings are chosen.
@@ -52,7 +51,7 @@ impl CaseBefore {
     pub fn choice(self, found: &Case) -> Option<ChosenSetup> {
         Some(ChosenSetup {
             accuracy: found.accuracy?,
-            expected_error: found.expected_error,
+            expected_error: found.study.expected_error,
             case: self.checksum,
             // The options that were appended.
             settings: found.overrides[self.options..].to_vec(),
@@ -97,7 +96,13 @@ pub fn chosen(world: &World, case: &Case, request: AdviceRequest) -> Result<Case
         }
     }
     let chosen = case.with_settings(entry.settings.iter().cloned())?;
-    Ok(Case { accuracy: Some(accuracy), expected_error: Some(entry.error), ..chosen })
+    Ok(with_accuracy(chosen, accuracy, Some(entry.error)))
+}
+
+/// The case `chosen` for an `accuracy`, on whose grid the trials expect an error.
+fn with_accuracy(chosen: Case, accuracy: f64, expected_error: Option<f64>) -> Case {
+    let study = StudySettings { expected_error, ..chosen.study };
+    Case { accuracy: Some(accuracy), study, ..chosen }
 }
 
 /// A warning of a run that takes long beside the `budget` of its trials, in seconds.

@@ -135,7 +135,8 @@ pub fn calibrate(world: &World, case: &Case, resources: &Resources) -> Result<Ca
     let mut block = block.with_modes_of(&plan);
     let part = block.case.clone();
     if case.verify && plan.warp.is_some() {
-        let reference = Case { integrator: Integrator::Exponential, ..part.clone() };
+        let mut reference = part.clone();
+        reference.classical.integrator = Integrator::Exponential;
         let verify = classical::predict_solve_time(&mut block, &reference)?.solve;
         watch.seconds.insert("verify".to_owned(), verify);
     }

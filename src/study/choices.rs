@@ -26,7 +26,7 @@ pub struct Choice {
 
 /// The interface law of degree 0; empty for elements, whose traces are coupled by energy.
 fn interface(case: &Case) -> String {
-    if case.is_galerkin() { String::new() } else { choice_text(&case.interface) }
+    if case.is_galerkin() { String::new() } else { choice_text(&case.scheme.interface) }
 }
 
 /// The flux between elements; the upwind scheme of degree 0 has none.
@@ -40,8 +40,9 @@ pub const CHOICES: [Choice; 6] = [
     Choice { key: "solver.method", value: |c| choice_text(&c.method), method: None, rows: false },
     Choice { key: "scheme.interface", value: interface, method: None, rows: true },
     Choice { key: "scheme.flux", value: flux, method: None, rows: true },
-    Choice { key: "scheme.limiter", value: |c| choice_text(&c.limiter), method: None, rows: false },
-    Choice { key: "solver.classical.integrator", value: |c| choice_text(&c.integrator),
+    Choice { key: "scheme.limiter", value: |c| choice_text(&c.scheme.limiter),
+           method: None, rows: false },
+    Choice { key: "solver.classical.integrator", value: |c| choice_text(&c.classical.integrator),
            method: Some(Method::Classical), rows: false },
     Choice { key: "solver.tolerance", value: |c| format!("{:e}", c.tolerance),
            method: Some(Method::Schrodingerized), rows: false },

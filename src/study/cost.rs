@@ -44,7 +44,7 @@ pub fn application_weight(degree: usize, limiter: Limiter) -> f64 {
 /// Cost of a unit of the work of `case`, in applications of degree 0.
 fn unit_weight(case: &Case) -> f64 {
     let applications = WorkKind::of(case).applications as f64;
-    application_weight(case.space.degree(), case.limiter) * applications
+    application_weight(case.space.degree(), case.scheme.limiter) * applications
 }
 
 /// Work of which each unit takes about the same time.
@@ -68,7 +68,7 @@ impl WorkKind {
         Self {
             by_modes,
             degree: case.space.degree(),
-            slopes: case.limiter != Limiter::None,
+            slopes: case.scheme.limiter != Limiter::None,
             applications: if by_modes { method.applications_per_work() } else { 1 },
             solves: by_modes && case.propagator.method.order() > 0,
         }
@@ -84,7 +84,7 @@ impl WorkKind {
 /// Work of a classical run of `case`, whose matrix has these `bounds`.
 fn classical_work(case: &Case, bounds: &Bounds) -> f64 {
     let steps: usize = classical_steps(case, bounds).iter().sum();
-    let stages = case.integrator.stages();
+    let stages = case.classical.integrator.stages();
     unit_weight(case) * (stages * steps * case.fields.len()) as f64
 }
 

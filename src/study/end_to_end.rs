@@ -186,7 +186,7 @@ fn classical_methods(
 fn no_slopes(case: &Case) -> String {
     let key = match (case.space.degree(), case.reflects()) {
         (0, true) => "potential.reflection".to_owned(),
-        (0, false) => format!("scheme.flux = {}", case.flux),
+        (0, false) => format!("scheme.flux = {}", case.scheme.flux),
         (degree, _) => format!("{} = {degree}", case.degree_keys(degree)),
     };
     let settings = degree_settings(case, 0).join(" --set ");
@@ -224,8 +224,11 @@ fn exact_values<'a>(case: &'a Case, exact: &'a Exact) -> Result<ExactValues<'a>>
 
 /// `case` with a scheme that dissipates: the upwind one, if its own has the central flux.
 fn dissipative_of(case: &Case) -> Case {
-    let scheme = scheme_of(case);
-    if scheme.flux == 0.0 { Case { flux: 1.0, ends: EndFlux::Open, ..scheme } } else { scheme }
+    let mut case = scheme_of(case);
+    if case.scheme.flux == 0.0 {
+        (case.scheme.flux, case.scheme.ends) = (1.0, EndFlux::Open);
+    }
+    case
 }
 
 /// Where the density is wanted.
@@ -283,7 +286,8 @@ fn candidates(
 
 /// `case` by a classical integrator.
 fn classical(case: &Case, integrator: Integrator, limiter: Limiter) -> Case {
-    let mut case = Case { method: Method::Classical, integrator, limiter, ..case.clone() };
+    let mut case = Case { method: Method::Classical, ..case.clone() };
+    (case.classical.integrator, case.scheme.limiter) = (integrator, limiter);
     case.warp.weights = false;
     case
 }

@@ -6,7 +6,7 @@
 use crate::base::error::Result;
 use crate::base::text::joined;
 use crate::matrix::bounds::Bounds;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, SchemeSettings};
 use crate::problem::element::Nodes;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::potential::{region_edges, unresolved_regions};
@@ -73,13 +73,10 @@ pub fn of_degree(case: &Case, degree: usize, merged: &[bool]) -> Result<Case> {
     // Settings that are refused together with a degree, and that studies set themselves.
     set.extend(["scheme.limiter=none", "output.positive=false"].map(str::to_owned));
     let read = Case::parse(&case.name, &case.text, &set)?;
-    let mut case = Case {
-        flux: read.flux,
-        interface: read.interface,
-        limiter: read.limiter,
-        positive: case.positive && degree > 0,
-        ..case.clone()
-    };
+    let mut case = case.clone();
+    let SchemeSettings { flux, interface, limiter, .. } = read.scheme;
+    case.scheme = SchemeSettings { flux, interface, limiter, ..case.scheme };
+    case.output.positive &= degree > 0;
     let n = case.space.dimension();
     let axes = case.space.x.iter_mut().chain(&mut case.space.v);
     for (k, axis) in axes.enumerate() {

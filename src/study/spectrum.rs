@@ -108,7 +108,7 @@ impl SymmetricMatrix {
     /// The matrices of `case`: of each system, without weights and then with them, where weights
     /// change anything.
     fn all(case: &Case, bounds: &Bounds) -> Vec<Self> {
-        let may_grow = bounds.jumps && law_of(case.interface).may_grow();
+        let may_grow = bounds.jumps && law_of(case.scheme.interface).may_grow();
         let alone = (MeasuredSystem::Alone, case.without_inflow());
         let systems = match (case.enters(), case.varies()) {
             (false, _) => vec![(MeasuredSystem::Closed, case.clone())],
@@ -174,7 +174,7 @@ impl SystemOnGrid<'_> {
             system: measured,
             shape: case.space.shape(),
             unknowns: case.space.cells() + system.norm_terms - case.space.space_cells(),
-            interface: case.interface,
+            interface: case.scheme.interface,
             weighted: bounds.weighted,
             lanczos: extremes,
             gershgorin,

@@ -40,7 +40,8 @@ impl Treatment {
 
     /// `case` with this treatment.
     pub fn of(self, case: &Case) -> Case {
-        let mut case = Case { interface: self.interface, ..case.clone() };
+        let mut case = case.clone();
+        case.scheme.interface = self.interface;
         case.warp.weights = self.weights;
         case
     }

@@ -3,7 +3,9 @@
 use crate::base::error::{Error, Result};
 use crate::base::memory;
 use crate::parallel::communicator::World;
-use crate::problem::case::{Case, Coefficients, Delta, Propagation, PropagatorMethod, Warp};
+use crate::problem::case::{
+    Case, Coefficients, Delta, OutputSettings, Propagation, PropagatorMethod, Warp,
+};
 use crate::results::summary::Summary;
 use crate::run::{Solution, solve};
 
@@ -18,7 +20,9 @@ const COMPARISONS: [&str; 3] = ["exact", "verify", "readout"];
 pub fn trial(world: &World, case: &Case) -> Result<Solution> {
     memory::reset_peak();
     // Comparisons need the values on the whole grid.
-    solve(world, &Case { expand: true, ..case.clone() })
+    let mut case = case.clone();
+    case.output.expand = true;
+    solve(world, &case)
 }
 
 /// Seconds of a trial without the comparisons with other results.
@@ -29,14 +33,14 @@ pub fn seconds_of_result(summary: &Summary) -> f64 {
 
 /// `case` with no output but the fields at its end.
 pub fn final_fields_only(case: &Case) -> Case {
-    Case {
+    let output = OutputSettings {
         plateau: None,
-        readout: None,
-        output_at_start: None,
+        at_start: None,
         times: Vec::new(),
         warped_field: false,
-        ..case.clone()
-    }
+        ..case.output.clone()
+    };
+    Case { output, readout: None, ..case.clone() }
 }
 
 /// Refuses a case that starts from a file, for the reason `why`.

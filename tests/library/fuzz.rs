@@ -60,12 +60,12 @@ fn sound(text: &str, overrides: &[String]) -> Result<bool, String> {
         ),
         ("time.end", case.end > 0.0 && case.end.is_finite()),
         ("tolerance", case.tolerance > 0.0 && case.tolerance <= 0.1),
-        ("cfl", case.cfl > 0.0 && case.cfl <= 1.0),
-        ("recovery_points", (1..=2).contains(&case.recovery_points)),
-        ("compression", case.storage.compression <= 9),
+        ("cfl", case.classical.cfl > 0.0 && case.classical.cfl <= 1.0),
+        ("recovery_points", (1..=2).contains(&case.output.recovery_points)),
+        ("compression", case.output.storage.compression <= 9),
         (
             "chunks",
-            (case.storage.chunks.iter())
+            (case.output.storage.chunks.iter())
                 .all(|c| c.len() == 2 * case.space.x.len() && c.iter().all(|&cells| cells > 0)),
         ),
         ("cells", case.space.axes().all(|a| a.cells >= 1)),

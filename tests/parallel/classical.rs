@@ -69,7 +69,7 @@ pub fn orders_of_the_integrators(world: &World) {
 pub fn limited_slopes(world: &World) {
     for mut twin in Twin::of_degree_0().into_iter().filter(|twin| !twin.is_shared()) {
         for limiter in [Limiter::Minmod, Limiter::VanLeer] {
-            twin.case.limiter = limiter;
+            twin.case.scheme.limiter = limiter;
             for data in ["noise", "waves"] {
                 let x = limiter_data(&twin, data);
                 let expected = limited_right_hand_side(&twin.case, twin.field(&x));
@@ -107,7 +107,7 @@ fn slopes_on_a_mesh(
     x: &[f64],
     expected: &[f64],
 ) -> Vec<f64> {
-    let name = format!("{}, {mesh:?}, {:?}", twin.name, twin.case.limiter);
+    let name = format!("{}, {mesh:?}, {:?}", twin.name, twin.case.scheme.limiter);
     let mut piece = Piece::assemble(world, twin, mesh);
     let reconstruction = Reconstruction::new(&twin.case, &piece.matrix, 0);
     let mut reconstruction = reconstruction.expect("formulas are finite").expect("a limiter");
@@ -133,7 +133,7 @@ fn longest_step_keeps_bounds(
     x: &[f64],
     derivative: &[f64],
 ) {
-    let dt = longest_step(twin.case.limiter) / transport_and_force(twin);
+    let dt = longest_step(twin.case.scheme.limiter) / transport_and_force(twin);
     let mut state = piece.scatter(x);
     let mut classical = Classical::new(&piece.matrix).with_slopes(Some(slopes));
     classical.steps(&mut piece.exchange, &mut state, Integrator::ForwardEuler, dt, 1);

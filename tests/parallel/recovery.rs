@@ -313,7 +313,7 @@ pub fn results_before_the_end(world: &World) {
     for mut twin in Twin::all() {
         let time = twin.case.end;
         let times = OUTPUT_TIMES.map(|(part, fields)| OutputTime { time: part * time, fields });
-        twin.case.times = times.to_vec();
+        twin.case.output.times = times.to_vec();
         let moments_only: Vec<bool> =
             (Leg::all(&twin.case).iter()).map(|leg| leg.moments_only).collect();
         let wanted = OUTPUT_TIMES.map(|(_, fields)| !fields);
@@ -347,7 +347,8 @@ pub fn results_before_the_end(world: &World) {
                 let name = format!("results before the end of {} by {method:?}", twin.name);
                 report_bits(world, &name, &found);
                 if method == CrankNicolson {
-                    let at_once = Case { times: Vec::new(), ..twin.case.clone() };
+                    let mut at_once = twin.case.clone();
+                    at_once.output.times.clear();
                     let single = StreamedRun::new(&at_once, &mesh, ratio);
                     let single = single.run(world, &mut weighted.prepared);
                     check_error_of_steps(&run, &single, &at);

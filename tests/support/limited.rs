@@ -110,7 +110,7 @@ impl Limited<'_> {
             let xi = velocity(v, j);
             if rise == 0.0 {
                 list.push((i + step, j, 1.0, true));
-            } else if self.case.interface == Interface::Hat {
+            } else if self.case.scheme.interface == Interface::Hat {
                 // Σ_k h(z − ξ_k) f_k with the hat function h. The sum runs over more velocities
                 // than the box has.
                 let square = xi * xi + 2.0 * rise;
@@ -124,7 +124,7 @@ impl Limited<'_> {
                 }
             } else {
                 let mut shares = Vec::new();
-                sources(&mut shares, v, self.case.interface, j, rise);
+                sources(&mut shares, v, self.case.scheme.interface, j, rise);
                 for s in shares {
                     let across = s.side == SourceSide::Across;
                     let place = if across { i + step } else { i };
@@ -198,7 +198,7 @@ impl Limited<'_> {
             return 0.0;
         }
         let theta: f64 = (f - lower) / (upper - f);
-        let psi = match self.case.limiter {
+        let psi = match self.case.scheme.limiter {
             Limiter::None => 0.0,
             Limiter::Minmod => theta.clamp(0.0, 1.0),
             Limiter::VanLeer => (theta.abs() + theta) / (1.0 + theta.abs()),

@@ -2,7 +2,8 @@
 //! leaves them out.
 
 use crate::problem::case::Case;
-use crate::problem::case::solver::{Limiter, Method};
+use crate::problem::case::scheme::Limiter;
+use crate::problem::case::solver::Method;
 use crate::problem::case::warp::Embedding;
 
 /// A setting that contradicts another, and how to mend it.
@@ -47,7 +48,7 @@ impl Case {
             ));
         }
         let key = "scheme.limiter";
-        match self.limiter {
+        match self.scheme.limiter {
             Limiter::None => None,
             _ if self.is_galerkin() => Some(Conflict::new(
                 key,

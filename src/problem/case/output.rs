@@ -45,14 +45,13 @@ pub struct OutputTime {
 }
 
 /// The output times before the end.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct OutputTimes {
+struct OutputTimes {
     /// The output at the start of the run, if any.
-    pub start: Option<OutputTime>,
+    start: Option<OutputTime>,
     /// The output times between start and end, ascending.
-    pub between: Vec<OutputTime>,
+    between: Vec<OutputTime>,
     /// The intervals of which no multiple is an output time.
-    pub idle: Vec<IdleInterval>,
+    idle: Vec<IdleInterval>,
 }
 
 /// `output.moments_every` or `output.fields_every`, if it is longer than the run.
@@ -93,28 +92,79 @@ impl Storage {
     }
 }
 
+/// `[output]`: what is written, when, and how it is stored.
+#[derive(Clone, Debug)]
+pub struct OutputSettings {
+    /// `output.recovery_points`: number of points in `p` at which the field is read at the end.
+    /// With 2 there is an error estimate.
+    pub recovery_points: usize,
+    /// `output.plateau`: the points in `p` at which the first field is read for comparison.
+    pub plateau: Option<Plateau>,
+    /// The output at time zero, from `output.moment_times`, `field_times` and `fields_every`.
+    pub at_start: Option<OutputTime>,
+    /// All other output times before the end, ascending.
+    pub times: Vec<OutputTime>,
+    /// `output.moments_every` and `output.fields_every`, where they are longer than the run.
+    pub idle_intervals: Vec<IdleInterval>,
+    /// `output.warped_field`: whether all modes are kept and `w(t, x, v, p)` is written.
+    pub warped_field: bool,
+    /// `output.expand`: whether results are written on the whole grid, reduced axes included.
+    pub expand: bool,
+    /// `output.positive`: whether `f` is limited to positive values before it is written.
+    pub positive: bool,
+    /// `output.delta_width`: the half-width of the discrete delta function, for measure-valued
+    /// data.
+    pub delta_width: DeltaWidth,
+    /// How the fields are stored.
+    pub storage: Storage,
+}
+
 /// `[output]` as it is written.
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct OutputTable {
     recovery_points: Option<i64>,
-    pub warped_field: bool,
+    warped_field: bool,
     plateau: Option<PlateauTable>,
     moments_every: Option<f64>,
     moment_times: List<f64>,
     field_times: List<f64>,
     fields_every: Option<f64>,
-    pub delta_width: DeltaWidth,
-    pub expand: bool,
-    pub positive: bool,
+    delta_width: DeltaWidth,
+    expand: bool,
+    positive: bool,
     compression: i64,
     chunks: Option<List<i64>>,
     xdmf: Option<bool>,
 }
 
 impl OutputTable {
+    /// The settings of the output of a `run` in `space`. Its start can be an output time only if
+    /// its field is `known`.
+    pub fn check(
+        &self,
+        file: &CaseFile<'_>,
+        space: &PhaseSpace,
+        run: Range<f64>,
+        known: bool,
+    ) -> Result<OutputSettings> {
+        let times = self.times(file, run, known)?;
+        Ok(OutputSettings {
+            recovery_points: self.recovery_points(file)?,
+            plateau: self.plateau(file)?,
+            storage: self.storage(file, space, &times)?,
+            at_start: times.start,
+            times: times.between,
+            idle_intervals: times.idle,
+            warped_field: self.warped_field,
+            expand: self.expand,
+            positive: self.positive,
+            delta_width: self.delta_width,
+        })
+    }
+
     /// Checks `recovery_points`.
-    pub fn recovery_points(&self, file: &CaseFile<'_>) -> Result<usize> {
+    fn recovery_points(&self, file: &CaseFile<'_>) -> Result<usize> {
         let key = "output.recovery_points";
         match file.count(key, self.recovery_points.unwrap_or(2), 1)? {
             points @ 1..=2 => Ok(points),
@@ -124,7 +174,7 @@ impl OutputTable {
 
     /// The output times of a `run` before its end. The start can be one of them only if its field
     /// is `known`.
-    pub fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
+    fn times(&self, file: &CaseFile<'_>, run: Range<f64>, known: bool) -> Result<OutputTimes> {
         let mut times = self.listed(file, &run, known)?;
         let idle = self.add_repeated(&mut times, file, &run, known)?;
         let mut times = merged(times, shortest_distance(&run));
@@ -211,7 +261,7 @@ impl OutputTable {
     }
 
     /// Checks `plateau`.
-    pub fn plateau(&self, file: &CaseFile<'_>) -> Result<Option<Plateau>> {
+    fn plateau(&self, file: &CaseFile<'_>) -> Result<Option<Plateau>> {
         /// Each point takes 24 bytes per cell.
         const MOST_POINTS: usize = 1000;
         let key = "output.plateau.points";
@@ -232,7 +282,7 @@ impl OutputTable {
     }
 
     /// How the fields are stored, which are written at `times` before the end.
-    pub fn storage(
+    fn storage(
         &self,
         file: &CaseFile<'_>,
         space: &PhaseSpace,

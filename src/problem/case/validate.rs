@@ -5,7 +5,8 @@ use crate::problem::case::Case;
 use crate::problem::case::conflict::Conflict;
 use crate::problem::case::exact::Exact;
 use crate::problem::case::file::CaseFile;
-use crate::problem::case::solver::{Integrator, Limiter, Method};
+use crate::problem::case::scheme::Limiter;
+use crate::problem::case::solver::{Integrator, Method};
 use crate::problem::case::warp::{Coefficients, Delta, Embedding, ProfileChoice, Shift};
 
 impl Case {
@@ -26,7 +27,7 @@ impl Case {
         if let Some(Conflict { key, reason, remedy }) = self.conflict() {
             return file.refuse(&key, reason + &remedy);
         }
-        if self.positive {
+        if self.output.positive {
             self.check_positive(file)?;
         }
         if self.warped_start.is_some() {
@@ -35,7 +36,7 @@ impl Case {
         if !self.reduce.modes && self.method == Method::Schrodingerized {
             self.check_every_mode(file)?;
         }
-        if self.warped_field && self.method == Method::Classical {
+        if self.output.warped_field && self.method == Method::Classical {
             return file.refuse(
                 "output.warped_field",
                 "solver.method = \"classical\" has no modes; leave it out, or choose \
@@ -47,7 +48,7 @@ impl Case {
 
     /// Refuses a limiter, which is not linear, if the method needs `A` as a matrix.
     fn check_limiter(&self, file: &CaseFile<'_>) -> Result<()> {
-        if self.limiter == Limiter::None {
+        if self.scheme.limiter == Limiter::None {
             return Ok(());
         }
         let key = "scheme.limiter";
@@ -55,7 +56,7 @@ impl Case {
                       \"ssp-rk3\" or \"forward-euler\" takes one";
         let conflict = if self.method == Method::Schrodingerized {
             "solver.method = \"schrodingerized\" evolves a linear system, and slopes are not linear"
-        } else if self.integrator == Integrator::Exponential {
+        } else if self.classical.integrator == Integrator::Exponential {
             "solver.classical.integrator = \"exponential\" solves a linear system, and slopes are \
              not linear"
         } else if self.verify {
@@ -165,7 +166,7 @@ impl Case {
     /// Refuses modes of both signs where only `l ≥ 0` are supported. If they follow from
     /// `solver.reduce = false`, `l ≥ 0` are used.
     fn check_every_mode(&mut self, file: &CaseFile<'_>) -> Result<()> {
-        let why = if self.warped_field || self.warped_start.is_some() {
+        let why = if self.output.warped_field || self.warped_start.is_some() {
             "the warped field is kept by its modes l >= 0"
         } else if self.propagator.method.order() > 0 {
             "crank-nicolson and backward-euler take modes l >= 0 only"

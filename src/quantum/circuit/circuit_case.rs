@@ -75,10 +75,10 @@ struct JumpFaces {
 /// [`Error::Input`] with the key, the value and what would do; as [`Bounds::new`] and `Force::new`.
 pub fn refuse(case: &Case) -> Result<()> {
     let unknown = match unknown_choice(case) {
-        None if case.flux < 1.0 && !has_skew_flow(case)? => Some(format!(
+        None if case.scheme.flux < 1.0 && !has_skew_flow(case)? => Some(format!(
             "scheme.flux = {}; the circuit has 1, upwind, and 0 where the flow is unitary, as with \
              scheme.ends = \"closed\"",
-            case.flux
+            case.scheme.flux
         )),
         unknown => unknown.or_else(|| unknown_grid(&case.space)),
     };
@@ -94,7 +94,7 @@ pub fn refuse(case: &Case) -> Result<()> {
 /// # Errors
 /// As [`Bounds::new`].
 fn has_skew_flow(case: &Case) -> Result<bool> {
-    Ok(case.flux == 0.0 && (case.is_closed() || Bounds::new(case)?.is_skew()))
+    Ok(case.scheme.flux == 0.0 && (case.is_closed() || Bounds::new(case)?.is_skew()))
 }
 
 /// The first choice of the case, other than the flux, that the circuit does not have, and what
@@ -109,12 +109,12 @@ fn unknown_choice(case: &Case) -> Option<String> {
         let what = "potential.reflection: the circuit transmits or reflects all of a level";
         return Some(what.to_owned());
     }
-    if case.interface != Interface::Conservative {
+    if case.scheme.interface != Interface::Conservative {
         return Some(format!(
             "scheme.interface = \"{}\"; the circuit moves whole levels of energy, as \
              scheme.interface = \"conservative\" does, which `export-circuit` takes where the case \
              names no interface",
-            choice_text(&case.interface)
+            choice_text(&case.scheme.interface)
         ));
     }
     case.embeds().then(|| {

@@ -118,7 +118,7 @@ impl CompleteCircuit {
         circuit_case::refuse(case)?;
         let CircuitCase { transport, .. } = CircuitCase::new(case, Bins::Whole)?;
         let profile = task.profile.clone().map_err(wrong)?;
-        let modes = match (case.flux == 0.0, registers.p) {
+        let modes = match (case.scheme.flux == 0.0, registers.p) {
             (true, 0) => CircuitModes::One(0.0),
             (true, _) => {
                 let what = "the unitary scheme needs no p: leave out what is set in solver.warp";

@@ -209,6 +209,6 @@ pub(super) fn candidate_case(case: &Case, bounds: &Bounds, candidate: &ProfileCa
         // A single mode has no other recovery point.
         warp.shift = Shift::Given(0.0);
     }
-    (case.recovery_points, case.plateau, case.warped_field) = (1, None, false);
+    (case.output.recovery_points, case.output.plateau, case.output.warped_field) = (1, None, false);
     case
 }

@@ -107,7 +107,7 @@ impl Dense {
 /// Runs `test` on the system that is taken on a quantum computer, on a grid of up to 8² cells.
 fn with_system(cells: [usize; 2], test: impl Fn(&System<'_>, &Dense)) {
     let case = scheme_of(&case(cells));
-    assert_eq!(case.interface, Interface::Conservative);
+    assert_eq!(case.scheme.interface, Interface::Conservative);
     assert!(!case.warp.weights);
     let bounds = Bounds::new(&case).expect("bounds");
     let dense = Dense::new(&case);

@@ -36,7 +36,7 @@ impl SetUpSettings {
         let PlannedSetUp { points, period, bin_bits, .. } = *planned;
         let mut set = Vec::new();
         if !case.is_galerkin() {
-            set.push(format!("scheme.interface={}", choice_text(&case.interface)));
+            set.push(format!("scheme.interface={}", choice_text(&case.scheme.interface)));
         }
         set.push(format!("solver.warp={{{}}}", of_warp(case, planned).join(",")));
         // A profile that is a series has an interval of its own.

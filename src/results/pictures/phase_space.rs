@@ -158,7 +158,7 @@ fn level_sets(runs: &Runs<'_>, plane: [usize; 2], cut: &Cut) -> FileResult<Vec<P
 pub(crate) fn concentrated(run: &StoredRun, time: StoredTime) -> FileResult<Plane> {
     let case = run.case.as_ref().map_err(String::clone)?;
     let [nx, nv] = [run.axis(0).cells, run.axis(1).cells];
-    let width = case.delta_width;
+    let width = case.output.delta_width;
     let mut values = Vec::with_capacity(nx * nv);
     let mut line = vec![0.0; nv];
     for i in 0..nx {

@@ -87,7 +87,7 @@ pub struct ParticleTracker<'a> {
 impl<'a> ParticleTracker<'a> {
     /// Follows particles of `case` by its `tracer`, which goes forward in time.
     pub fn new(case: &'a Case, tracer: &'a Tracer<'a>) -> Self {
-        let changes = law_of(case.interface).may_grow() && !case.is_galerkin();
+        let changes = law_of(case.scheme.interface).may_grow() && !case.is_galerkin();
         let gains = changes.then(|| InterfaceGains { case, known: HashMap::new() });
         let random = ChaCha8Rng::seed_from_u64(0);
         Self { case, tracer, gains, random, arrivals: Arrivals::default() }
@@ -170,7 +170,7 @@ impl InterfaceGains<'_> {
     /// The factor by which the interface law changes the mass of particles that meet this jump.
     fn factor(&mut self, met: &Crossing) -> f64 {
         let axis = &self.case.space.v[met.axis];
-        let interface = self.case.interface;
+        let interface = self.case.scheme.interface;
         let key = (met.axis, met.rise.to_bits());
         let factors = self.known.entry(key).or_insert_with(|| factors(axis, interface, met.rise));
         factors[axis.cell_at(met.velocity.clamp(axis.lower, axis.upper))]

@@ -47,7 +47,7 @@ pub(crate) fn crop(world: &Group, case: &mut Case, reductions: &mut Reductions) 
     let most = if case.enters() { MOST_ROWS } else { MOST_CELLS };
     let why = if case.varies() {
         Some("what enters depends on time".to_owned())
-    } else if case.limiter != Limiter::None {
+    } else if case.scheme.limiter != Limiter::None {
         Some("slopes (scheme.limiter) reach further than rows".to_owned())
     } else if cells > most {
         Some(format!("a search for empty ones takes at most {most} cells, and there are {cells}"))
@@ -204,7 +204,7 @@ impl Faces {
                     let up = velocity(v, j) > 0.0;
                     let jump = f64::from_bits(*jump);
                     let mut list = Vec::new();
-                    sources(&mut list, v, case.interface, j, if up { jump } else { -jump });
+                    sources(&mut list, v, case.scheme.interface, j, if up { jump } else { -jump });
                     list
                 };
                 (0..v.cells as i64).map(list).collect()
@@ -421,7 +421,7 @@ mod tests {
                 }
             }
             let cropped = boxes.iter().any(|r| r.len() < space.v[0].elements());
-            let spreads = space.degree() > 0 && case.flux < 1.0 && !case.reflects();
+            let spreads = space.degree() > 0 && case.scheme.flux < 1.0 && !case.reflects();
             let slopes = settings.iter().any(|s| s.contains("0.1*x"));
             assert!(cropped || spreads || slopes, "{settings:?}: {boxes:?}");
         }

@@ -25,7 +25,7 @@ pub(super) fn readings(
         if case.warp.interval.is_some() { interval[1] - window.point } else { f64::INFINITY };
     let width = width(&case.warp).min(0.5 * room);
     let second = apart.min(0.5 * room);
-    (0..case.recovery_points)
+    (0..case.output.recovery_points)
         .map(|k| Reading {
             method: case.warp.recovery_method,
             point: window.point + k as f64 * second,
@@ -41,7 +41,7 @@ pub(super) fn plateau(
     interval: [f64; 2],
     width: f64,
 ) -> Vec<Reading> {
-    let Some(plateau) = &case.plateau else {
+    let Some(plateau) = &case.output.plateau else {
         return Vec::new();
     };
     let from = plateau.from.unwrap_or((window.point - PLATEAU).max(interval[0]));
@@ -77,7 +77,7 @@ pub(super) fn error_estimator(
     spectrum: [f64; 2],
     at: impl Fn(f64) -> Vec<Reading>,
 ) -> ErrorEstimator {
-    match case.recovery_points {
+    match case.output.recovery_points {
         0..2 => ErrorEstimator { readings: at(0.0), quality: EstimatorQuality::UNKNOWN },
         // The two errors are independent; the second is at most e times as large, and may cancel
         // the first or add to it.

@@ -74,7 +74,7 @@ fn too_short(
 ) -> Error {
     let [lower, upper] = profile.ends(open, window);
     Error::Interval {
-        place: case.interval_place.clone(),
+        place: case.places.interval.clone(),
         given: requirements.interval.unwrap_or_default(),
         needed: window.period,
         ends: [(lower * 1e3).floor() / 1e3, (upper * 1e3).ceil() / 1e3],
@@ -94,7 +94,7 @@ fn no_profile(case: &Case, ratio: f64, requirements: &ProfileRequirements) -> Er
         },
         _ => match Profile::smallest_tolerance(&case.warp.choice(), requirements) {
             Some(smallest) if smallest * ratio / share <= LARGEST_TOLERANCE => Error::Tolerance {
-                place: case.tolerance_place.clone(),
+                place: case.places.tolerance.clone(),
                 tolerance: case.tolerance,
                 smallest: round_up(smallest * ratio / share),
                 ratio,

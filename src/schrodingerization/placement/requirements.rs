@@ -31,7 +31,7 @@ pub(super) fn requirements(case: &Case, bounds: &Bounds, ratio: f64) -> ProfileR
     let decay = bounds.decay * time + shift;
     let tolerance = warp.share * case.tolerance / ratio * libm::exp(-shift.max(0.0));
     let width = width(warp);
-    let second = if case.recovery_points > 1 { SECOND_POINT } else { 0.0 };
+    let second = if case.output.recovery_points > 1 { SECOND_POINT } else { 0.0 };
     let mut requirements = ProfileRequirements::new(tolerance, growth, decay, width + second);
     requirements.round_off = propagate::round_off(propagate::steps(&case.propagator, time));
     requirements.recovery = warp.recovery;

@@ -20,7 +20,7 @@ pub(super) fn much_growth(case: &Case, bounds: &Bounds) -> Option<String> {
     if growth <= MUCH_GROWTH {
         return None;
     }
-    let grazes = bounds.jumps && law_of(case.interface).may_grow() && !case.warp.weights;
+    let grazes = bounds.jumps && law_of(case.scheme.interface).may_grow() && !case.warp.weights;
     let (key, instead) = match case.warp.delta {
         _ if grazes => (
             "solver.warp.weights = \"none\"".to_owned(),

@@ -133,7 +133,7 @@ impl Study<'_> {
                 entry.computed_cells = plan.cells as f64;
                 entry.applications = match &plan.warp {
                     Some(warp) => warp.applications as f64,
-                    None => (plan.classical_steps * target.integrator.stages()) as f64,
+                    None => (plan.classical_steps * target.classical.integrator.stages()) as f64,
                 };
                 Some(plan)
             }
@@ -296,7 +296,7 @@ impl Study<'_> {
             let is_best = |of: &&ReachedGrid| best.as_ref() == Some(&self.name(method, of.scheme));
             let mut tried = found.iter().filter(|of| of.known != Evidence::Extrapolated);
             let Some(reached) = tried.find(is_best) else { continue };
-            let own = self.trials.degree_case(reached.scheme).base.flux;
+            let own = self.trials.degree_case(reached.scheme).base.scheme.flux;
             for scheme in reached.scheme.other_fluxes(own) {
                 self.try_flux(method, scheme, reached)?;
             }

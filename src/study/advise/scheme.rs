@@ -1,7 +1,7 @@
 //! Semi-discrete schemes that advice compares.
 
 use crate::base::text::choice_text;
-use crate::problem::case::{Case, Integrator, Interface, Limiter, Method};
+use crate::problem::case::{Case, Integrator, Interface, Limiter, Method, SchemeSettings};
 use crate::scheme::interface::law_of;
 use crate::study::choices::{DEGREES, Flux};
 use crate::study::grids::on_grid;
@@ -24,10 +24,10 @@ impl SchemeChoice {
     /// The scheme of `case`; Schrödingerization has no slopes.
     pub fn of(case: &Case) -> Self {
         let limiter = match case.method {
-            Method::Classical => case.limiter,
+            Method::Classical => case.scheme.limiter,
             Method::Schrodingerized => Limiter::None,
         };
-        Self { interface: case.interface, limiter, degree: case.space.degree(), flux: None }
+        Self { interface: case.scheme.interface, limiter, degree: case.space.degree(), flux: None }
     }
 
     /// The schemes that are tried for `case`: its own, and other degrees. With the upwind scheme of
@@ -67,21 +67,21 @@ impl SchemeChoice {
 
     /// A classical run of this scheme on `shape` elements. `case` has elements of its degree.
     pub fn classical(self, case: &Case, shape: &[usize]) -> Case {
-        Case {
-            method: Method::Classical,
-            limiter: self.limiter,
-            integrator: match self.limiter {
-                Limiter::None => Integrator::Exponential,
-                _ => Integrator::SspRk3,
-            },
-            ..self.schrodingerized(case, shape)
-        }
+        let mut case = self.schrodingerized(case, shape);
+        case.method = Method::Classical;
+        case.scheme.limiter = self.limiter;
+        case.classical.integrator = match self.limiter {
+            Limiter::None => Integrator::Exponential,
+            _ => Integrator::SspRk3,
+        };
+        case
     }
 
     /// `case`, which has elements of this scheme's degree, with its interface and flux on `shape`.
     pub fn schrodingerized(self, case: &Case, shape: &[usize]) -> Case {
-        let flux = self.flux.map_or(case.flux, Flux::alpha);
-        Case { interface: self.interface, flux, ..on_grid(case, shape) }
+        let flux = self.flux.map_or(case.scheme.flux, Flux::alpha);
+        let scheme = SchemeSettings { interface: self.interface, flux, ..case.scheme };
+        Case { scheme, ..on_grid(case, shape) }
     }
 
     /// This scheme with each flux but `own`. Degree 0 has no other flux.

@@ -32,11 +32,11 @@ pub fn base_case(case: &Case) -> Result<Case> {
 /// The `--set` options that turn `case` into `target`. `base` is [`base_case`] of `case`.
 pub fn settings(case: &Case, base: &Case, target: &Case) -> Vec<String> {
     let mut set = choices::settings(case, target);
-    let limited = case.positive && !target.positive;
+    let limited = case.output.positive && !target.output.positive;
     let resets = match target.method {
         Method::Classical => [
-            ("solver.verify=false", case.verify && target.limiter != Limiter::None),
-            ("output.warped_field=false", case.warped_field),
+            ("solver.verify=false", case.verify && target.scheme.limiter != Limiter::None),
+            ("output.warped_field=false", case.output.warped_field),
             ("output.positive=false", limited),
         ],
         Method::Schrodingerized => {
@@ -96,7 +96,7 @@ mod tests {
             let set = settings(&case, &base, &target);
             let found = read(&set).unwrap();
             assert_eq!(found.space, target.space);
-            assert_eq!((found.interface, found.tolerance), (interface, 3e-4));
+            assert_eq!((found.scheme.interface, found.tolerance), (interface, 3e-4));
             assert_eq!((&found.warp, &found.propagator), (&base.warp, &base.propagator));
             let command = command(&case, &set);
             assert!(command.contains("--set 'solver.warp={}'"), "{command}");
@@ -106,7 +106,7 @@ mod tests {
         let scheme = SchemeChoice { interface: Interface::Hat, limiter, degree: 0, flux: None };
         let found = read(&settings(&case, &base, &scheme.classical(&base, &[40, 36]))).unwrap();
         assert_eq!(
-            (found.method, found.limiter, found.integrator),
+            (found.method, found.scheme.limiter, found.classical.integrator),
             (Method::Classical, Limiter::VanLeer, Integrator::SspRk3)
         );
     }

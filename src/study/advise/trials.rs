@@ -200,7 +200,7 @@ impl<'a> Trials<'a> {
     /// `case` with the axes that its runs merge; runs with slopes merge none.
     pub fn merged(&self, case: &Case) -> Case {
         let mut case = case.clone();
-        if case.limiter == Limiter::None {
+        if case.scheme.limiter == Limiter::None {
             let space = &mut case.space;
             let axes = space.x.iter_mut().chain(&mut space.v);
             for (axis, merged) in axes.zip(&self.merged) {
@@ -302,13 +302,13 @@ impl<'a> Trials<'a> {
     pub fn run(&mut self, scheme: SchemeChoice, shape: &[usize]) -> Result<&TrialResult> {
         let key = (scheme, shape.to_vec());
         if !self.done.contains_key(&key) {
-            let case = scheme.classical(&self.degree_case(scheme).base, shape);
+            let mut case = scheme.classical(&self.degree_case(scheme).base, shape);
             let mut updates = self.updates_of_run(&self.merged(&case))?;
             if scheme.degree > 0 {
                 updates += self.updates_to_compare(scheme, shape);
             }
-            let most_exact_points = Some(self.most_exact_points(scheme, &case));
-            let found = self.measure(&Case { most_exact_points, ..case }, updates)?;
+            case.study.most_exact_points = Some(self.most_exact_points(scheme, &case));
+            let found = self.measure(&case, updates)?;
             self.done.insert(key.clone(), found);
         }
         Ok(&self.done[&key])
@@ -377,10 +377,9 @@ impl<'a> Trials<'a> {
         }
         let Some(exact) = &self.exact else { return Ok(None) };
         if !self.exact_densities.contains_key(shape) {
-            let case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
+            let mut case = scheme.schrodingerized(&self.degree_case(scheme).base, shape);
             self.budget.count(self.updates_to_compare(scheme, shape));
-            let most_exact_points = Some(self.most_exact_points(scheme, &case));
-            let case = Case { most_exact_points, ..case };
+            case.study.most_exact_points = Some(self.most_exact_points(scheme, &case));
             let density = exact_density(self.budget.group(), &case, exact)?;
             self.exact_densities.insert(shape.to_vec(), density);
         }

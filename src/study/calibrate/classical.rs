@@ -34,7 +34,7 @@ pub fn predict_solve_time(prepared: &mut Prepared, case: &Case) -> Result<SolveT
         Ok(TimedWork { seconds, cost: steps(&shortened) as f64 })
     };
     let line = line(&mut trial)?;
-    let application = line.rate / case.integrator.stages() as f64;
+    let application = line.rate / case.classical.integrator.stages() as f64;
     Ok(SolveTime { solve: line.fixed + line.rate * steps(case) as f64, application })
 }
 
@@ -45,6 +45,6 @@ fn cut_in_time(case: &Case, part: usize) -> Case {
     let begin = case.start_time;
     let cut = |time: &mut f64| *time = begin + (*time - begin) * fraction;
     cut(&mut case.end);
-    case.times.iter_mut().for_each(|at| cut(&mut at.time));
+    case.output.times.iter_mut().for_each(|at| cut(&mut at.time));
     case
 }

@@ -36,7 +36,7 @@ const REPEATS: usize = 3;
 
 /// The key of the reduction of a case, which depends on its grid and its scheme.
 fn reduction_key(case: &Case) -> GridKey {
-    let slopes = case.limiter != Limiter::None;
+    let slopes = case.scheme.limiter != Limiter::None;
     GridKey::new(case, format!("{} {:?} {slopes}", row_choices(case), case.method))
 }
 
@@ -181,7 +181,7 @@ impl<'a> Attempts<'a> {
     /// Tries `settings` in order, each once. Collective.
     pub fn try_all(&mut self, settings: Vec<Setting>) {
         for setting in settings {
-            let usual = setting.flux == Some(self.base(&setting.space).flux);
+            let usual = setting.flux == Some(self.base(&setting.space).scheme.flux);
             if !usual && !self.tried.contains(&setting) {
                 let entry = self.attempt(&setting);
                 self.entries.push(entry);

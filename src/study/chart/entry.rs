@@ -144,10 +144,10 @@ impl ChartEntry {
             degree: case.space.degree(),
             flux: case.flux_of_elements(),
             cells: case.space.cells(),
-            interface: case.interface,
-            integrator: (!modes).then_some(case.integrator),
-            limiter: (!modes).then_some(case.limiter),
-            cfl: steps.then_some(case.cfl),
+            interface: case.scheme.interface,
+            integrator: (!modes).then_some(case.classical.integrator),
+            limiter: (!modes).then_some(case.scheme.limiter),
+            cfl: steps.then_some(case.classical.cfl),
             profile: modes.then(|| {
                 if case.is_unitary() { UNITARY.to_owned() } else { choice_text(&warp.profile) }
             }),

@@ -58,8 +58,9 @@ impl Setting {
     /// `case`, which has the degree of the grid, with these choices. `bounds` as in
     /// [`Setup::apply`].
     pub fn apply(&self, case: &Case, bounds: Option<&Bounds>) -> Case {
-        let case = self.setup.apply(case, &self.space, bounds);
-        Case { flux: self.flux.unwrap_or(case.flux), ..case }
+        let mut case = self.setup.apply(case, &self.space, bounds);
+        case.scheme.flux = self.flux.unwrap_or(case.scheme.flux);
+        case
     }
 }
 
@@ -355,7 +356,7 @@ mod tests {
         assert_eq!(shapes[5], (4, vec![14, 4]));
         let fluxes = found.other_fluxes();
         assert_eq!(fluxes.len(), Flux::ALL.len() * 3 * found.others.len());
-        assert!(fluxes.iter().all(|s| s.flux == Some(s.apply(&degrees[0], None).flux)));
+        assert!(fluxes.iter().all(|s| s.flux == Some(s.apply(&degrees[0], None).scheme.flux)));
         let settings = found.other_degrees();
         assert!(settings.iter().all(|s| match s.setup {
             Setup::Classical { integrator, limiter, .. } =>

@@ -2,8 +2,9 @@
 
 use crate::matrix::bounds::Bounds;
 use crate::problem::case::{
-    Alpha, Case, Coefficients, DEFAULT_CFL, Delta, Embedding, Integrator, Interface,
-    LARGEST_TOLERANCE, Limiter, Method, ProfileChoice, PropagatorMethod, RecoveryMethod, Shift,
+    Alpha, Case, ClassicalSettings, Coefficients, DEFAULT_CFL, Delta, Embedding, Integrator,
+    Interface, LARGEST_TOLERANCE, Limiter, Method, ProfileChoice, PropagatorMethod, RecoveryMethod,
+    Shift,
 };
 use crate::problem::grid::PhaseSpace;
 use crate::quantum::optimise::with_unitary_scheme;
@@ -80,7 +81,8 @@ impl Setup {
             Self::Given => {}
             Self::Classical { integrator, limiter, cfl } => {
                 case.method = Method::Classical;
-                (case.integrator, case.limiter, case.cfl) = (integrator, limiter, cfl);
+                case.classical = ClassicalSettings { integrator, cfl };
+                case.scheme.limiter = limiter;
                 case.warp.delta = Delta::Planned;
             }
             Self::Modes(modes) => modes.apply(&mut case),
@@ -91,7 +93,7 @@ impl Setup {
             Self::Paper { points, steps } => apply_paper(&mut case, points, steps, bounds),
         }
         // Slopes cannot be verified, and the exponential integrator is itself the reference.
-        case.verify = case.limiter == Limiter::None && !is_reference(&case);
+        case.verify = case.scheme.limiter == Limiter::None && !is_reference(&case);
         case
     }
 }
@@ -112,10 +114,10 @@ impl Modes {
 fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Option<&Bounds>) {
     plan_modes(case);
     let time = case.duration();
-    case.interface = Interface::Hat;
+    case.scheme.interface = Interface::Hat;
     // The paper's scheme of degree 0 is the upwind one.
     if case.space.degree() == 0 && !case.reflects() {
-        case.flux = 1.0;
+        case.scheme.flux = 1.0;
     }
     case.tolerance = LARGEST_TOLERANCE;
     case.warp.profile = ProfileChoice::Exponential { alpha: Alpha::Constant(1.0) };
@@ -137,7 +139,7 @@ fn apply_paper(case: &mut Case, points: usize, steps: Option<usize>, bounds: Opt
 /// Sets Schrödingerization by modes, with everything planned from the tolerance.
 fn plan_modes(case: &mut Case) {
     case.method = Method::Schrodingerized;
-    case.limiter = Limiter::None;
+    case.scheme.limiter = Limiter::None;
     plan_series(&mut case.warp);
     case.warp.recovery_method = RecoveryMethod::Point;
     case.warp.shift = Shift::Given(0.0);
@@ -145,7 +147,7 @@ fn plan_modes(case: &mut Case) {
 
 /// Whether `case` computes the exact semi-discrete solution, to which others are compared.
 pub fn is_reference(case: &Case) -> bool {
-    case.method == Method::Classical && case.integrator == Integrator::Exponential
+    case.method == Method::Classical && case.classical.integrator == Integrator::Exponential
 }
 
 /// The reason why a case file with the choices of `case` would be refused, or why the unitary

@@ -3,7 +3,7 @@
 use crate::base::error::{Error, Result};
 use crate::parallel::communicator::World;
 use crate::plan::layout::Resources;
-use crate::problem::case::{Case, Limiter, Method};
+use crate::problem::case::{Case, Limiter, Method, SchemeSettings};
 use crate::solve::prepared::Prepared;
 use crate::solve::spectrum::SpectrumExtremes;
 use crate::study::grids::{grid_name, stray_edges};
@@ -14,12 +14,13 @@ const LANCZOS: usize = 4000;
 
 /// `case` by modes, with no output but the fields at its end, and without comparisons.
 pub fn by_modes(case: &Case) -> Case {
+    let case = final_fields_only(case);
     Case {
         verify: false,
         exact: None,
-        limiter: Limiter::None,
+        scheme: SchemeSettings { limiter: Limiter::None, ..case.scheme },
         method: Method::Schrodingerized,
-        ..final_fields_only(case)
+        ..case
     }
 }
 

@@ -106,7 +106,7 @@ fn growth_at_faces(case: &Case, jumps: &[Vec<f64>], factor: f64) -> Option<f64> 
         let rate = |j: i64| velocity(v, j).abs() / x.width();
         for rise in jumps.iter().flat_map(|jump| [factor * jump, -factor * jump]) {
             for j in lattice.clone().filter(|&j| rate(j) > 0.0) {
-                sources(&mut list, v, case.interface, j, rise);
+                sources(&mut list, v, case.scheme.interface, j, rise);
                 let inside = list.iter().filter(|s| lattice.contains(&s.velocity));
                 let sources: Vec<(f64, f64)> =
                     inside.map(|s| (0.5 * rate(j) * s.weight, rate(s.velocity))).collect();

@@ -37,7 +37,8 @@ impl ReferenceProblem {
     /// # Errors
     /// As [`Prepared::new`].
     pub fn new(world: &World, case: &Case) -> Result<Self> {
-        let mut case = Case { tolerance: TOLERANCE, recovery_points: 1, ..case.clone() };
+        let mut case = Case { tolerance: TOLERANCE, ..case.clone() };
+        case.output.recovery_points = 1;
         let delta = case.warp.delta;
         plan_series(&mut case.warp);
         case.warp.delta = delta;

@@ -26,7 +26,7 @@ pub fn finite_volumes() -> Vec<String> {
 
 /// The cases with dissipation. Without it, a plan has one mode, which needs no error estimate.
 pub fn dissipative() -> Vec<String> {
-    let dissipates = |name: &String| parsed(name, &[]).is_ok_and(|case| case.flux > 0.0);
+    let dissipates = |name: &String| parsed(name, &[]).is_ok_and(|case| case.scheme.flux > 0.0);
     cases().into_iter().filter(dissipates).collect()
 }
 

@@ -362,7 +362,7 @@ fn closed_ends_conserve_the_norm() {
         scene.check_dissipation();
         scene.check_intervals();
         assert!(scene.damping.iter().all(|g| *g == 0.0), "{name}");
-        if case.flux == 0.0 {
+        if case.scheme.flux == 0.0 {
             let rest = scene.weighted.symmetric().largest();
             assert!(rest <= 1e-13 * scene.weighted.largest(), "{name}: {rest:e}");
             assert_eq!(Bounds::new(&case).expect("V is finite").dissipation, 0.0, "{name}");
@@ -402,7 +402,7 @@ fn partial_reflection_is_within_its_bounds() {
         scene.check_dissipation();
         scene.check_intervals();
         let dissipates = scene.weighted.symmetric().largest() > 1e-3;
-        alone += usize::from(dissipates && case.flux == 0.0 && closed);
+        alone += usize::from(dissipates && case.scheme.flux == 0.0 && closed);
     }
     assert!(alone > 3 && opened > 10, "{alone} {opened}");
 }

@@ -53,7 +53,7 @@ fn identities(name: &str, case: &Case, inflow: Option<f64>) {
             );
         }
     }
-    if case.interface == Interface::Conservative {
+    if case.scheme.interface == Interface::Conservative {
         for (j, sum) in columns.iter().enumerate() {
             assert!(*sum <= 10.0 * ROUND_OFF * rate, "{name}: column {j} sums to {sum}");
         }
@@ -227,7 +227,7 @@ fn the_mirror_image_of_a_case_has_the_mirror_image_of_its_matrix() {
     for hat in scenes() {
         for interface in [Interface::Hat, Interface::Conservative] {
             let mut case = hat.case.clone();
-            case.interface = interface;
+            case.scheme.interface = interface;
             let system = System::of_rows(&case);
             for a in 0..case.space.dimension() {
                 let image = System::of_rows(&mirrored(&case, a));

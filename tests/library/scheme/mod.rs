@@ -25,7 +25,7 @@ fn symmetric(axis: &Axis) -> bool {
 
 fn conservative(scene: Scene) -> Scene {
     let mut case = scene.case;
-    case.interface = Interface::Conservative;
+    case.scheme.interface = Interface::Conservative;
     Scene { case, ..scene }
 }
 

@@ -50,7 +50,7 @@ pub fn panels_of(case: &Case) -> Vec<usize> {
 /// Points that all integrals of a run of `case` may take together.
 pub fn max_points_in_all(case: &Case) -> usize {
     let points = points_without_study(&case.space);
-    case.most_exact_points.map_or(points, |most| most.min(points))
+    case.study.most_exact_points.map_or(points, |most| most.min(points))
 }
 
 /// Whether a study with little time allows fewer points than integrals may take otherwise. Then
@@ -119,6 +119,7 @@ pub fn expected_points(case: &Case, positions: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::problem::case::StudySettings;
 
     const CASE: &str = "[[axis]]\nx = { lower = 0, upper = 1, cells = 10 }\n\
         v = { lower = -1, upper = 1, cells = 10 }\n[[potential]]\nvalue = \"x^2\"\n\
@@ -128,15 +129,19 @@ mod tests {
     #[test]
     fn a_study_limits_the_points() {
         let case = Case::parse("limits", CASE, &[]).expect("a case");
+        let limited_to = |most| {
+            let study = StudySettings { most_exact_points: Some(most), ..case.study };
+            Case { study, ..case.clone() }
+        };
         assert_eq!(max_points_in_all(&case), POINTS_IN_ALL[0]);
-        let limited = Case { most_exact_points: Some(5000), ..case.clone() };
+        let limited = limited_to(5000);
         assert_eq!(max_points_in_all(&limited), 5000);
         let one = points_of(&panels_of(&case));
         assert!(is_limited(&limited) && !is_limited(&case));
         assert_eq!(max_points_per_integral(&limited, 1000.0), one as f64);
         assert!(max_points_per_integral(&case, 1000.0) >= (2 * one) as f64);
         assert!(max_points_per_integral(&limited, 1.0) < max_points_per_integral(&case, 1.0));
-        let more = Case { most_exact_points: Some(usize::MAX), ..case.clone() };
+        let more = limited_to(usize::MAX);
         assert!(max_points_in_all(&more) == max_points_in_all(&case) && !is_limited(&more));
     }
 }

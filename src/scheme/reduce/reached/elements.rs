@@ -105,7 +105,7 @@ impl Links {
         let partners = |kind: JumpKind| {
             let region = kind.higher.map(|region| &case.potential[region]);
             let reflects = region.is_some_and(|region| region.reflection.is_some());
-            let upwind = case.flux == 1.0 || reflects;
+            let upwind = case.scheme.flux == 1.0 || reflects;
             let reflected = |energy: f64| {
                 region.map_or(0.0, |region| region.reflected(energy, kind.jump().abs()))
             };
