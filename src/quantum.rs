@@ -8,6 +8,7 @@
 //! | [`measurement_window`] | where in `p` it does so, by the profile's series |
 //! | [`cost`] | gates until the field is measured, of every access to `H` |
 //! | [`optimise`] | the cheapest profile, recovery point and `δ` |
+//! | [`schemes`] | the schemes that are taken on a quantum computer |
 //! | [`circuit`] | the block encoding of `H` as gates, with their counts |
 //! | [`export`] | states, `H` and circuits of a tiny case, for a quantum simulator |
 //! | [`matrices`] | `A`, `b` and `(S, K)` as files, for any program of linear algebra |
@@ -42,6 +43,7 @@ pub mod probability;
 pub mod purpose;
 pub mod readout;
 pub mod resources;
+pub mod schemes;
 pub mod sparsity;
 pub mod surface_code;
 pub mod synthesis;

@@ -9,9 +9,6 @@
 //! quantum computer: a long period is nearly free there, a high wavenumber is not. The parameter of
 //! every profile is scanned over all values that a case file may have, together with the distance
 //! of the recovery point from where the profile is first `e^{−p}`.
-//!
-//! **The scheme** is the conservative interface where the degree is 0, because it needs no weights
-//! ([`scheme_of`]). Weights are a table as large as phase space, which a query cannot compute.
 
 pub mod candidate;
 mod grid;
@@ -20,17 +17,14 @@ pub mod ranking;
 #[cfg(test)]
 mod tests;
 
-use crate::base::error::{Error, Result};
 use crate::base::progress::Progress;
 use crate::problem::case::{
-    Alpha, Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, EndFlux, Interface, Limiter,
-    Method, ProfileChoice, SchemeSettings,
+    Alpha, Case, DEFAULT_ALPHA, DEFAULT_BETA, DEFAULT_ORDER, Delta, ProfileChoice,
 };
 use crate::problem::limits::{ALPHAS, BETAS, LOW_SOMMA_POINTS, MOST_ORDER, SIGMAS};
 use crate::quantum::optimise::candidate::{CostedChoice, ProfileCandidate, System, candidate_case};
 use crate::quantum::optimise::grid::PricedGrid;
 use crate::quantum::optimise::pricing::choice;
-use crate::scheme::interface::law_of;
 use crate::schrodingerization::placement::takes_one_mode;
 
 /// The default profiles of a run, for comparison.
@@ -47,45 +41,6 @@ const DEFAULTS: [ProfileChoice; 8] = [
 /// The furthest that `p◇` is moved beyond where the profile is first `e^{−p}`: there the
 /// probability is `e^{−4}` times as large.
 const FURTHEST: f64 = 2.0;
-
-/// `case` with the scheme that is taken on a quantum computer: in place of an interface law that
-/// needs weights the conservative one, which is stable without them.
-pub fn scheme_of(case: &Case) -> Case {
-    let mut case = case.clone();
-    if law_of(case.scheme.interface).may_grow() {
-        (case.scheme.interface, case.warp.weights) = (Interface::Conservative, false);
-    }
-    case
-}
-
-/// `case` with the scheme whose flow is unitary: the central flux and closed ends.
-///
-/// # Errors
-/// [`Error::Input`] where something enters or is reflected in part: then there is none.
-pub fn unitary_of(case: &Case) -> Result<Case> {
-    let wrong = |what: &str| Err(Error::Input(format!("{}: {what}", case.name)));
-    if case.embeds() {
-        return wrong("something enters (inflow.value), and the norm is not kept");
-    }
-    if case.reflects() {
-        return wrong("potential.reflection mixes two traces into two, and is no isometry");
-    }
-    Ok(with_unitary_scheme(case))
-}
-
-/// `case` with that scheme, which is unitary if nothing enters or is reflected in part.
-pub fn with_unitary_scheme(case: &Case) -> Case {
-    let mut case = case.clone();
-    case.scheme = SchemeSettings {
-        interface: Interface::Conservative,
-        flux: 0.0,
-        ends: EndFlux::Closed,
-        limiter: Limiter::None,
-        ..case.scheme
-    };
-    (case.method, case.warp.weights) = (Method::Schrodingerized, false);
-    case
-}
 
 /// Values of `δ` that are tried where something enters, `largest` being the largest inflow.
 pub fn deltas(case: &Case, largest: f64) -> Vec<Delta> {

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::matrix::bounds::Bounds;
+use crate::problem::case::Interface;
 use crate::quantum::access::LargestEntries;
 use crate::quantum::circuit::circuit_case::{Bins, CircuitCase};
 use crate::quantum::circuit::gates::{Circuit, Gate, RegisterRole};
@@ -11,6 +12,7 @@ use crate::quantum::labelled_number::LabelledNumber;
 use crate::quantum::optimise::pricing::{MOST_MODES, PLANNED, planned_state};
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::probability::{PlannedState, Probabilities};
+use crate::quantum::schemes::scheme_of;
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::walk::{EVOLUTION_PART, ROUNDING_PART};
 use crate::scheme::rows::{Row, Scheme};

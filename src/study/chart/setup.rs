@@ -7,7 +7,7 @@ use crate::problem::case::{
     Shift,
 };
 use crate::problem::grid::PhaseSpace;
-use crate::quantum::optimise::with_unitary_scheme;
+use crate::quantum::schemes::with_unitary_scheme;
 use crate::study::treatment::Treatment;
 use crate::study::trial::{final_fields_only, plan_series, propagation};
 
