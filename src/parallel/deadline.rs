@@ -2,10 +2,8 @@
 
 use crate::base::error::{Error, Result};
 use crate::base::log::eprint_wrapped;
-use crate::parallel::communicator::watch::{PAUSE, STACK, USUAL_CHECKS, checks};
+use crate::parallel::communicator::watch::{PAUSE, STACK, USUAL_CHECKS, abort_job, checks};
 use crate::parallel::group::Group;
-use mpi::topology::SimpleCommunicator;
-use mpi::traits::*;
 use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::Builder;
 
@@ -23,7 +21,7 @@ fn deadline(error: &Error) -> Option<Sender<()>> {
             }
         }
         eprint_wrapped(&message);
-        SimpleCommunicator::world().abort(1);
+        abort_job();
     };
     let thread = Builder::new().name("deadline".to_owned()).stack_size(STACK);
     (checks > 0 && thread.spawn(wait).is_ok()).then_some(open)

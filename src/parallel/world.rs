@@ -1,7 +1,7 @@
 //! MPI: start and end, and the settings of the library.
 
 use crate::base::machine;
-use crate::parallel::communicator::watch::RankWatch;
+use crate::parallel::communicator::watch::{RankWatch, abort_job, is_running};
 use crate::parallel::group::Group;
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::*;
@@ -37,11 +37,11 @@ impl World {
         let hook = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| {
             hook(info);
-            if mpi::environment::is_initialized() && !mpi::environment::is_finalized() {
-                let world = SimpleCommunicator::world();
-                let line = format!("phasewarp: rank {} stopped; ending the job", world.rank());
+            if is_running() {
+                let rank = SimpleCommunicator::world().rank();
+                let line = format!("phasewarp: rank {rank} stopped; ending the job");
                 crate::base::log::eprint_wrapped(&line);
-                world.abort(1);
+                abort_job();
             }
         }));
         let watch = RankWatch::start(&universe.world());

@@ -81,6 +81,24 @@ impl Drop for RankWatch {
     }
 }
 
+/// Whether MPI is between its start and its end.
+pub(crate) fn is_running() -> bool {
+    mpi::environment::is_initialized() && !mpi::environment::is_finalized()
+}
+
+/// Ends the job with exit code 1. Threads beside the first call MPI only for this, and to ask
+/// whether it is running.
+///
+/// MPI is started with the thread level `single`, as all else is called by one thread. At that
+/// level the standard permits no such call from a second thread, and Open MPI leaves out locks. It
+/// carries the call out all the same; at worst the call disturbs the first thread within MPI, whose
+/// work no longer counts because the process is ending. There is no other way: the first thread
+/// waits within a library and does not return. With a library that does not carry the call out, the
+/// job waits as it would without it.
+pub(crate) fn abort_job() {
+    SimpleCommunicator::world().abort(1);
+}
+
 /// The number that [`TIMEOUT_VARIABLE`] gives; the error is a text that is none.
 pub(crate) fn checks() -> Result<u32, String> {
     let Some(value) = std::env::var_os(TIMEOUT_VARIABLE) else { return Ok(USUAL_CHECKS) };
@@ -164,8 +182,8 @@ impl WatchedRank {
         ));
         let _ = kill_process(self.id, Signal::KILL);
         sleep(LAUNCHER);
-        if mpi::environment::is_initialized() && !mpi::environment::is_finalized() {
-            SimpleCommunicator::world().abort(1);
+        if is_running() {
+            abort_job();
         }
     }
 }
