@@ -65,7 +65,8 @@ pub(super) fn add_batch(
         let report = propagated(system, propagator, &spec, &start, moments, on_the_way)?;
         lanes.advance(leg, &report);
         let (cells, state) = (system.matrix.block.cells(), propagator.state());
-        let [kept, defect] = lanes.norms_kept(system, state, &spec, batch, report.unitary)?;
+        let at_leg_end = BatchAtLegEnd { batch, spec: &spec, lanes: &lanes, propagator };
+        let [kept, defect] = at_leg_end.norms_kept(system, report.unitary)?;
         statistics.norms(kept, defect);
         statistics.took(&report);
         for sum in at_end {
@@ -75,7 +76,7 @@ pub(super) fn add_batch(
             between.copy_from_slice(&state[..between.len()]);
             continue;
         }
-        add_step_error(task, system, propagator, stage, batch, &spec, &lanes);
+        at_leg_end.add_step_error(task, system, stage);
     }
     if let Some(keeping) = keeping {
         lanes.store(keeping.kept, batch, stage.legs.end, propagator.state());
@@ -148,23 +149,28 @@ impl LaneProgress {
         });
         kept.store(&batch.modes, &progress, state);
     }
+}
 
+/// A batch after the propagation over a leg.
+struct BatchAtLegEnd<'a> {
+    batch: &'a Batch,
+    spec: &'a BatchSpec,
+    lanes: &'a LaneProgress,
+    /// Holds the state, and its time-step error if the method has one.
+    propagator: &'a dyn Propagator,
+}
+
+impl BatchAtLegEnd<'_> {
     /// Smallest ratio of a lane's norm to its norm at time zero, `None` where that was zero; and,
     /// where the method is `unitary`, the largest change as a fraction of the allowed one.
     /// Collective over the space group.
     ///
     /// # Errors
     /// [`Error::Unitarity`] where a norm changed by more.
-    fn norms_kept(
-        &self,
-        system: &Evolution<'_>,
-        state: &[Lanes],
-        spec: &BatchSpec,
-        batch: &Batch,
-        unitary: bool,
-    ) -> Result<[Option<f64>; 2]> {
-        let Self { norms, allowed, .. } = self;
-        let now = system.lane_norms(&norms.map(|norm| norm * norm), state);
+    fn norms_kept(&self, system: &Evolution<'_>, unitary: bool) -> Result<[Option<f64>; 2]> {
+        let Self { batch, spec, lanes, propagator } = self;
+        let LaneProgress { norms, allowed, .. } = lanes;
+        let now = system.lane_norms(&norms.map(|norm| norm * norm), propagator.state());
         let (mut kept, mut defect) = (f64::INFINITY, 0.0f64);
         for (l, &mode) in batch.modes.iter().enumerate() {
             if norms[l] == 0.0 {
@@ -188,41 +194,37 @@ impl LaneProgress {
         }
         Ok([Some(kept).filter(|kept| kept.is_finite()), unitary.then_some(defect)])
     }
-}
 
-/// Adds the leading term of the time-step error of a batch, if the method has one and the stage
-/// goes to the end. Collective over the space group.
-fn add_step_error(
-    task: &Task<'_>,
-    system: &mut Evolution<'_>,
-    propagator: &dyn Propagator,
-    stage: &mut Stage<'_>,
-    batch: &Batch,
-    spec: &BatchSpec,
-    LaneProgress { phases, norms, .. }: &LaneProgress,
-) {
-    let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) else { return };
-    let whole = task.whole_over_last(propagator.step_order());
-    let steps = spec.largest_work();
-    let bound =
-        |l: usize| propagator.largest_step_error(system, spec.wavenumbers[l], steps) * norms[l];
-    let bounds: [f64; LANES] = std::array::from_fn(bound);
-    let sizes = system.lane_norms(&bounds.map(|b| b * b), error);
-    // The error of a mode is at most the sum of the norms of its two states, to which the leading
-    // term is cut.
-    let most = norms.map(|norm| 2.0 * norm);
-    let parts: [f64; LANES] = std::array::from_fn(|l| {
-        let size = whole * sizes[l];
-        whole * if size > most[l] { most[l] / size } else { 1.0 }
-    });
-    let cut = |l: &usize| parts[*l] < whole;
-    for l in (0..batch.modes.len()).filter(cut) {
-        let weight = task.warp.weight(batch.modes[l], &task.warp.readings[0]).norm();
-        stage.beyond.push(most[l] * weight);
+    /// Adds the leading term of the time-step error of a batch, if the method has one and the stage
+    /// goes to the end. Collective over the space group.
+    fn add_step_error(&self, task: &Task<'_>, system: &mut Evolution<'_>, stage: &mut Stage<'_>) {
+        let Self { batch, spec, lanes, propagator } = self;
+        let LaneProgress { phases, norms, .. } = lanes;
+        let (Some(sum), Some(error)) = (&mut stage.step_sum, propagator.step_error()) else {
+            return;
+        };
+        let whole = task.whole_over_last(propagator.step_order());
+        let steps = spec.largest_work();
+        let bound =
+            |l: usize| propagator.largest_step_error(system, spec.wavenumbers[l], steps) * norms[l];
+        let bounds: [f64; LANES] = std::array::from_fn(bound);
+        let sizes = system.lane_norms(&bounds.map(|b| b * b), error);
+        // The error of a mode is at most the sum of the norms of its two states, to which the
+        // leading term is cut.
+        let most = norms.map(|norm| 2.0 * norm);
+        let parts: [f64; LANES] = std::array::from_fn(|l| {
+            let size = whole * sizes[l];
+            whole * if size > most[l] { most[l] / size } else { 1.0 }
+        });
+        let cut = |l: &usize| parts[*l] < whole;
+        for l in (0..batch.modes.len()).filter(cut) {
+            let weight = task.warp.weight(batch.modes[l], &task.warp.readings[0]).norm();
+            stage.beyond.push(most[l] * weight);
+        }
+        let factors = std::array::from_fn(|l| parts[l] * phases[l]);
+        let cells = system.matrix.block.cells();
+        sum.add(&weights(task.warp, batch, &sum.reading, &factors), &error[..cells]);
     }
-    let factors = std::array::from_fn(|l| parts[l] * phases[l]);
-    let cells = system.matrix.block.cells();
-    sum.add(&weights(task.warp, batch, &sum.reading, &factors), &error[..cells]);
 }
 
 /// The factor of each lane in a reading; it includes the reading's own `factors`.
