@@ -151,25 +151,22 @@ fn earlier_planes(
     results: &Results<'_>,
     steps: &mut [GridsAtTime],
 ) -> Result<()> {
-    let (case, space) = (results.case, &results.case.space);
-    let n = space.dimension();
-    let names = axis_names(n);
     let count = with_fields(results).count();
-    for a in (0..n).filter(|_| count > 0) {
-        let name = format!("plane_{}", names[a]);
-        writer.group(&format!("xdmf/history/{name}"))?;
-        let part = PlanePart::new(results, a);
-        let shape = [count, space.v[a].cells, space.x[a].cells];
-        let mut grids = vec![Grid::new(&name, &[&space.x[a], &space.v[a]]); count];
-        for (k, field) in case.fields.iter().enumerate() {
+    for a in (0..results.case.space.dimension()).filter(|_| count > 0) {
+        let plane = PlanePart::new(results, a);
+        writer.group(&format!("xdmf/history/{}", plane.grid.name))?;
+        let [v, x] = plane.axes;
+        let shape = [count, plane.velocities, plane.grid.cells[0]];
+        let mut grids = vec![plane.grid.clone(); count];
+        for (k, field) in results.case.fields.iter().enumerate() {
             let values: Vec<Vec<f64>> =
-                with_fields(results).map(|e| part.values(&e.fields[k], shape[1])).collect();
-            let slab = |time| DatasetBox::of(&[time..time + 1, 0..shape[1], part.cells.clone()]);
+                with_fields(results).map(|e| plane.values(&e.fields[k])).collect();
+            let slab = |time| plane.slab().after(time..time + 1);
             let slabs: Vec<(DatasetBox, &[f64])> =
                 values.iter().enumerate().map(|(time, v)| (slab(time), &v[..])).collect();
-            let path = format!("/xdmf/history/{name}/{}", field.name);
+            let path = format!("/xdmf/history/{}/{}", plane.grid.name, field.name);
             let what = format!("{} on this plane at the field times", field.name);
-            writer.field(&path, &[FIELD_TIME, names[n + a], names[a]], &slabs, &what)?;
+            writer.field(&path, &[FIELD_TIME, v, x], &slabs, &what)?;
             show_by_time(&mut grids, field.name, &path, false, &shape);
         }
         let with = steps.iter_mut().zip(results.early).filter(|(_, e)| !e.fields.is_empty());
@@ -308,9 +305,7 @@ impl ReversedShare<'_> {
 
 /// Writes the fields on the planes (x_a, v_a) through the middle cells of the other axes.
 fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
-    let (case, space) = (results.case, &results.case.space);
-    let n = space.dimension();
-    let names = axis_names(n);
+    let case = results.case;
     let mut fields: Vec<(&'static str, &[f64])> = (case.fields.iter().zip(results.fields))
         .map(|(field, values)| (field.name, *values))
         .collect();
@@ -318,17 +313,14 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
         fields.push(("exact", exact));
     }
     let mut grids = Vec::new();
-    for a in 0..n {
-        let mut grid = Grid::new(&format!("plane_{}", names[a]), &[&space.x[a], &space.v[a]]);
+    for a in 0..case.space.dimension() {
+        let plane = PlanePart::new(results, a);
+        let mut grid = plane.grid.clone();
         writer.group(&format!("xdmf/{}", grid.name))?;
-        let part = PlanePart::new(results, a);
-        let ranges = [0..space.v[a].cells, part.cells.clone()];
         for &(name, field) in &fields {
-            let values = part.values(field, ranges[0].len());
             let path = format!("/xdmf/{}/{name}", grid.name);
             let what = format!("{name} on this plane through the middle of the other axes");
-            let axes = [names[n + a], names[a]];
-            writer.field(&path, &axes, &[(DatasetBox::of(&ranges), &values)], &what)?;
+            writer.field(&path, &plane.axes, &[(plane.slab(), &plane.values(field))], &what)?;
             grid.show(name, &path, false);
         }
         grids.push(grid);
@@ -336,8 +328,14 @@ fn planes(writer: &Writer<'_>, results: &Results<'_>) -> Result<Vec<Grid>> {
     Ok(grids)
 }
 
-/// The part of a plane (x_a, v_a) that a rank holds: all of its velocities, or none.
+/// A plane (x_a, v_a), and the part of it that a rank holds: all of its velocities, or none.
 struct PlanePart {
+    /// The plane, without datasets.
+    grid: Grid,
+    /// Names of its axes in datasets: v_a, x_a.
+    axes: [&'static str; 2],
+    /// Cells along v_a.
+    velocities: usize,
     /// Cells of the part along x_a.
     cells: Range<usize>,
     /// Index of its first value in the rank's fields.
@@ -349,11 +347,11 @@ struct PlanePart {
 impl PlanePart {
     /// The plane through the middle cells of the other axes; of two middle cells, the upper one.
     fn new(results: &Results<'_>, a: usize) -> Self {
-        let n = results.share.len();
-        let middle: Vec<usize> = results.case.space.axes().map(|axis| axis.cells / 2).collect();
+        let (n, space) = (results.share.len(), &results.case.space);
+        let middle: Vec<usize> = space.axes().map(|axis| axis.cells / 2).collect();
         let crossed = (0..n).all(|b| b == a || results.share[b].contains(&middle[b]));
         let share = results.share.iter().map(|r| (r.start, r.len()));
-        let velocities = results.case.space.v.iter().map(|v| (0, v.cells));
+        let velocities = space.v.iter().map(|v| (0, v.cells));
         let lengths: Vec<(usize, usize)> = share.chain(velocities).collect();
         let (mut base, mut stride, mut strides) = (0, 1, [0; 2]);
         for b in (0..2 * n).rev() {
@@ -365,13 +363,28 @@ impl PlanePart {
             }
             stride *= length;
         }
-        Self { cells: if crossed { results.share[a].clone() } else { 0..0 }, base, strides }
+        let names = axis_names(n);
+        Self {
+            grid: Grid::new(&format!("plane_{}", names[a]), &[&space.x[a], &space.v[a]]),
+            axes: [names[n + a], names[a]],
+            velocities: space.v[a].cells,
+            cells: if crossed { results.share[a].clone() } else { 0..0 },
+            base,
+            strides,
+        }
+    }
+
+    /// The part in a dataset over the plane.
+    fn slab(&self) -> DatasetBox {
+        DatasetBox::of(&[0..self.velocities, self.cells.clone()])
     }
 
     /// Values of a field, x_a fastest.
-    fn values(&self, field: &[f64], velocities: usize) -> Vec<f64> {
+    fn values(&self, field: &[f64]) -> Vec<f64> {
         let at = |i: usize, j: usize| self.base + i * self.strides[0] + j * self.strides[1];
-        (0..velocities).flat_map(|j| (0..self.cells.len()).map(move |i| field[at(i, j)])).collect()
+        (0..self.velocities)
+            .flat_map(|j| (0..self.cells.len()).map(move |i| field[at(i, j)]))
+            .collect()
     }
 }
 
