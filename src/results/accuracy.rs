@@ -339,6 +339,11 @@ impl Accuracy {
         self.is_coarse() || self.algorithm.is_none() || self.ratio_to_tolerance() > 1.0
     }
 
+    /// Whether a large error is mostly that of the algorithm, so that the grid's is not known.
+    pub fn is_hidden_by_algorithm(&self) -> bool {
+        self.includes_algorithm && self.is_large_for_its_goals()
+    }
+
     /// Whether the grid's error is above a tenth.
     pub fn is_coarse(&self) -> bool {
         is_large(self.worst())

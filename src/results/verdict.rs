@@ -61,7 +61,6 @@ impl Verdict {
         continued: Option<&ContinuedResult>,
     ) -> Self {
         let ratio = accuracy.ratio_to_tolerance();
-        let hidden = accuracy.includes_algorithm && accuracy.is_large_for_its_goals();
         let unknown_before = continued.is_some_and(|before| {
             before.leaves_grid_unknown(accuracy) || before.error_total.is_none()
         });
@@ -71,7 +70,11 @@ impl Verdict {
             Self::Staircase
         } else if accuracy.under_resolved {
             Self::UnderResolved
-        } else if accuracy.unknown.is_some() || hidden || unknown_before || ratio > 1.0 {
+        } else if accuracy.unknown.is_some()
+            || accuracy.is_hidden_by_algorithm()
+            || unknown_before
+            || ratio > 1.0
+        {
             Self::Unknown
         } else {
             Self::Resolved

@@ -60,7 +60,7 @@ impl Judgement {
 }
 
 /// The findings on the error of the algorithm, that of the grid, and mass and energy, with a
-/// verdict as heading.
+/// sentence as heading.
 pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup {
     let findings = [
         if classical { steps(summary) } else { algorithm(summary, judgement) },
@@ -69,10 +69,10 @@ pub fn trust(summary: &Value, judgement: &Judgement, classical: bool) -> Markup 
     ];
     let marks = findings.each_ref().map(|finding| finding.mark);
     let has_goal = judgement.accuracy.as_ref().is_some_and(|accuracy| accuracy.goal.is_some());
-    let (class, verdict) = verdict(marks, has_goal);
+    let (class, heading) = heading(marks, has_goal);
     html! {
         section id="trust" class={ "trust " (class) } {
-            h2 { (verdict) }
+            h2 { (heading) }
             dl {
                 @for finding in &findings {
                     @let [class, sign] = finding.mark.class_and_sign();
@@ -102,7 +102,10 @@ impl Mark {
 
 /// The class and the sentence for the marks of algorithm, grid, and mass and energy. An accuracy
 /// that was asked for is that of the density, and says nothing about the error of `f`.
-fn verdict(
+///
+/// It is not the [verdict](crate::results::verdict::Verdict) of the summary, which says nothing
+/// about mass and energy and which older results lack.
+fn heading(
     [algorithm, grid, conservation]: [Mark; 3],
     has_goal: bool,
 ) -> (&'static str, &'static str) {
@@ -228,9 +231,7 @@ fn mark_of_grid(
                 }
             }
         }
-        (None, None) if accuracy.includes_algorithm && accuracy.is_large_for_its_goals() => {
-            Mark::Unknown
-        }
+        (None, None) if accuracy.is_hidden_by_algorithm() => Mark::Unknown,
         (None, None) if accuracy.is_coarse() => Mark::Bad,
         (None, None) if continued.is_some_and(|before| before.leaves_grid_unknown(accuracy)) => {
             Mark::Unknown
@@ -294,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn the_verdict_is_that_of_the_worst() {
+    fn the_heading_is_that_of_the_worst() {
         for (found, words) in [
             (page(1e-7, 0.02, 0.0), "Tolerance met"),
             (page(1e-5, 0.02, 0.0), "the tolerance is not met"),
