@@ -14,5 +14,7 @@
 pub mod placement;
 pub mod profile;
 pub mod recovery;
+#[cfg(test)]
+mod test_support;
 pub mod transform;
 pub mod warp_plan;

@@ -100,6 +100,7 @@ pub fn visible_error_parts(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::schrodingerization::test_support::simpson;
 
     const METHODS: [RecoveryMethod; 3] =
         [RecoveryMethod::Point, RecoveryMethod::Integral, RecoveryMethod::LeastSquares];
@@ -110,21 +111,9 @@ mod tests {
         match reading.method {
             RecoveryMethod::Point => a.exp() * v(a),
             RecoveryMethod::Integral => {
-                // Simpson's rule.
-                let n = 2000;
-                let h = (b - a) / f64::from(n);
-                let sum: f64 = (0..=n)
-                    .map(|i| {
-                        let factor = match i {
-                            0 => 1.0,
-                            i if i == n => 1.0,
-                            i if i % 2 == 1 => 4.0,
-                            _ => 2.0,
-                        };
-                        factor * v(a + h * f64::from(i))
-                    })
-                    .sum();
-                sum * h / 3.0 / ((-a).exp() - (-b).exp())
+                let points = simpson([a, b], 2000);
+                let integral: f64 = points.map(|point| point.weight * v(point.node)).sum();
+                integral / ((-a).exp() - (-b).exp())
             }
             RecoveryMethod::LeastSquares => {
                 let q = |k: usize| a + (b - a) * k as f64 / 8.0;

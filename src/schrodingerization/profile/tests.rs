@@ -1,10 +1,11 @@
 use super::*;
-use crate::base::quadrature::gauss_legendre;
+use crate::base::quadrature::{QuadraturePoint, gauss_legendre};
 use crate::problem::case::alpha::NAMES;
 use crate::problem::case::{Alpha, ProfileChoice as Choice};
 use crate::problem::formula::{Constants, Expression};
 use crate::problem::limits::MOST_ORDER;
 use crate::schrodingerization::profile::series::Series;
+use crate::schrodingerization::test_support::simpson;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
@@ -63,22 +64,9 @@ fn shape(profile: &Profile) -> &dyn ProfileShape {
 /// Points and `g` times the weights of Simpson's rule, on pieces that end where profiles have
 /// corners.
 fn samples(g: &dyn ProfileShape) -> Vec<[f64; 2]> {
-    let pieces = [(-200.0, -1.0, 160_000), (-1.0, 0.0, 800), (0.0, 40.0, 40_000)];
-    let mut samples = Vec::new();
-    for (a, b, n) in pieces {
-        let h = (b - a) / f64::from(n);
-        samples.extend((0..=n).map(|i| {
-            let factor = match i {
-                0 => 1.0,
-                i if i == n => 1.0,
-                i if i % 2 == 1 => 4.0,
-                _ => 2.0,
-            };
-            let p = a + h * f64::from(i);
-            [p, factor * g.value(p) * h / 3.0]
-        }));
-    }
-    samples
+    let pieces = [([-200.0, -1.0], 160_000), ([-1.0, 0.0], 800), ([0.0, 40.0], 40_000)];
+    let points = pieces.into_iter().flat_map(|(piece, intervals)| simpson(piece, intervals));
+    points.map(|QuadraturePoint { node, weight }| [node, weight * g.value(node)]).collect()
 }
 
 #[test]
