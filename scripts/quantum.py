@@ -11,17 +11,14 @@ import argparse
 import csv
 import json
 import os
-import re
-import shutil
-import subprocess
 import sys
 import tempfile
 import textwrap
 
 import h5py
 import numpy as np
+from study import ROOT, Bad, call, replaced, words
 
-ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 DOCUMENT, TABLE = (os.path.join(ROOT, "docs", name) for name in ["quantum.md", "quantum.csv"])
 POINTS = [-1.2, -0.9, -0.6, -0.3, 0.3, 0.6, 0.9, 1.2]
 # One that is found with a probability worth the name.
@@ -36,18 +33,8 @@ def run(case, ranks, settings):
     """Runs the program; gives density, exact density, space axis, summary and readout lines."""
     program = os.path.join(os.environ.get("CARGO_TARGET_DIR", os.path.join(ROOT, "target")),
                            "release", "phasewarp")
-    place = tempfile.mkdtemp()
-    try:
-        command = [
-            "mpirun", "-np",
-            str(ranks), program, "run",
-            os.path.join(ROOT, "cases", f"{case}.toml"), "-o", place
-        ]
-        for setting in settings:
-            command += ["--set", setting]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            sys.exit(f"{' '.join(command)}\n{done.stderr}")
+    with tempfile.TemporaryDirectory() as place:
+        call(["mpirun", "-np", str(ranks), program, "run", *words(case, settings), "-o", place])
         with h5py.File(os.path.join(place, "result.h5")) as file:
             if "density_exact" in file:
                 exact = file["density_exact"][()]
@@ -61,8 +48,6 @@ def run(case, ranks, settings):
             with open(path, encoding="utf-8", newline="") as file:
                 lines = [line for line in csv.DictReader(file) if line["observable"] == "density"]
         return density, exact, x, summary, lines
-    finally:
-        shutil.rmtree(place)
 
 
 def rms(values):
@@ -147,13 +132,13 @@ def main():
     with open(DOCUMENT, encoding="utf-8") as file:
         text = file.read()
     for case, list_ in rows.items():
-        pattern = re.compile(f"(<!-- begin {case} -->\n).*?(<!-- end {case} -->)", re.S)
-        text, count = pattern.subn(lambda m: m[1] + "\n" + table(list_) + "\n\n" + m[2], text)
-        if count != 1:
-            sys.exit(f"{DOCUMENT}: no markers of {case}")
+        text = replaced(text, case, table(list_), DOCUMENT)
     with open(DOCUMENT, "w", encoding="utf-8") as file:
         file.write(text)
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except Bad as why:
+        sys.exit(str(why))
