@@ -220,18 +220,18 @@ pub struct Accesses {
 }
 
 impl Accesses {
-    /// The accesses to the `H` of `case` with these bounds, the `entries` of its `(S, K)` and
-    /// `qubits` qubits for the unknowns. The rounding of jumps to levels may change the field by
-    /// `rounding`, relative to it.
+    /// The accesses to the `H` of `case` with these bounds and the `entries` of its `(S, K)`. The
+    /// rounding of jumps to levels may change the field by `rounding`, relative to it.
     pub fn new(
         case: &Case,
         bounds: &Bounds,
         entries: LargestEntries,
-        qubits: usize,
         rounding: f64,
         synthesis: RotationSynthesis,
     ) -> Self {
         let time = case.duration();
+        let of_phase_space: usize = case.space.axes().map(|axis| bits_of(axis.cells)).sum();
+        let qubits = of_phase_space + usize::from(case.embeds());
         let circuit = circuit_case::refuse(case)
             .and_then(|()| CircuitCase::new(case, Bins::Within(rounding / time)))
             .map_err(|error| case.reason(&error));

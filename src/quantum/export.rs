@@ -47,7 +47,7 @@ use crate::quantum::export::complete::{
     CompleteCircuit, CompleteCircuitInput, CompleteDescription,
 };
 use crate::quantum::export::reading::{
-    CircuitRegisters, MeasuredField, PointGrid, norm, real_parts,
+    CircuitRegisters, ExportedState, MeasuredField, PointGrid, norm, real_parts,
 };
 use crate::quantum::matrices::{MatrixMarket, Symmetry};
 use crate::quantum::planned_modes;
@@ -205,14 +205,17 @@ impl Export {
         let pi = &system.weights.pi[..cells];
         let reading = MeasuredField::new(&states[1], &grid, pi, norm_of_state);
         let profile = profile(&start);
+        let exported = ExportedState {
+            case,
+            registers: &registers,
+            grid: &grid,
+            reading: &reading,
+            norm_of_state,
+        };
         let complete = estimate.map(|estimate| {
             CompleteCircuit::new(&CompleteCircuitInput {
-                case,
-                registers: &registers,
-                grid: &grid,
-                reading: &reading,
+                exported,
                 highest: warp.series.wavenumber(warp.series.modes() - 1),
-                norm_of_state,
                 profile: profile.clone(),
                 start: &system.states[0][..cells],
                 end: &states[1],
@@ -227,9 +230,7 @@ impl Export {
         });
         let refused = preparation.as_ref().err().cloned();
         Ok(Self {
-            description: ExportDescription::new(
-                case, &registers, grid, &reading, norm_of_state, refused,
-            ),
+            description: ExportDescription::new(exported, refused),
             hamiltonian: hamiltonian(case, system, &grid, unknowns)?,
             transform: qasm(&circuit::transform(registers.p), None),
             modes,
@@ -273,14 +274,8 @@ impl Export {
 }
 
 impl ExportDescription {
-    fn new(
-        case: &Case,
-        registers: &CircuitRegisters,
-        grid: PointGrid,
-        reading: &MeasuredField,
-        norm_of_state: f64,
-        preparation: Option<String>,
-    ) -> Self {
+    fn new(exported: ExportedState<'_>, preparation: Option<String>) -> Self {
+        let ExportedState { case, registers, grid, reading, norm_of_state } = exported;
         let factors = VelocityFactors::new(&case.space);
         let n = case.space.dimension();
         let velocities = |k: usize| factors.each().iter().map(|q| q[k]).collect();
@@ -293,7 +288,7 @@ impl ExportDescription {
             qubits_label: registers.label,
             qubits: registers.total(),
             time: case.duration(),
-            grid,
+            grid: *grid,
             norm_of_state,
             norm_of_field: reading.field.iter().map(|f| f * f).sum::<f64>().sqrt(),
             probability_p: reading.in_slice,

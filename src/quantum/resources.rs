@@ -321,18 +321,12 @@ pub fn accesses(prepared: &Prepared, ratio: f64, synthesis: RotationSynthesis) -
     // changes anything.
     let ratio = if bounds.is_skew() || ratio.is_nan() { 1.0 } else { ratio };
     let rounding = ROUNDING_PART * evolution_part(!bounds.is_skew()) * case.tolerance / ratio;
-    Accesses::new(case, bounds, entries_of(prepared), qubits_of(case), rounding, synthesis)
+    Accesses::new(case, bounds, entries_of(prepared), rounding, synthesis)
 }
 
 /// The largest entries of `(S, K)`. Collective.
 pub fn entries_of(prepared: &Prepared) -> LargestEntries {
     LargestEntries::of(&prepared.system.matrix, &prepared.communicator.space)
-}
-
-/// Number of qubits that number the unknowns of `case`.
-pub fn qubits_of(case: &Case) -> usize {
-    let phase_space: usize = case.space.axes().map(|a| bits_of(a.cells)).sum();
-    phase_space + usize::from(case.embeds())
 }
 
 impl ResourceCounts {

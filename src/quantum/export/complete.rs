@@ -15,7 +15,6 @@
 //! estimation finds `|a|`. Each of these is off by the distance of the cut series from `e^{−iτH}`.
 
 use crate::base::error::{Error, Result};
-use crate::problem::case::Case;
 use crate::problem::grid::PhaseSpace;
 use crate::propagate::chebyshev::degree;
 use crate::quantum::circuit::arithmetic::{equals, ones};
@@ -26,7 +25,7 @@ use crate::quantum::circuit::gates::{Circuit, Gate, GateCounts, Qubit, RegisterR
 use crate::quantum::circuit::transport::{CaseTransport, CircuitModes, Levels};
 use crate::quantum::circuit::wires::Wires;
 use crate::quantum::export::circuit::phi;
-use crate::quantum::export::reading::{CircuitRegisters, MeasuredField, PointGrid};
+use crate::quantum::export::reading::{ExportedState, MeasuredField};
 use crate::quantum::phases::Phases;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -38,13 +37,9 @@ pub const MOST_QUBITS: usize = 20;
 const ROUND_OFF: f64 = 1e-14;
 
 pub(super) struct CompleteCircuitInput<'a> {
-    pub case: &'a Case,
-    pub registers: &'a CircuitRegisters,
-    pub grid: &'a PointGrid,
-    pub reading: &'a MeasuredField,
+    pub exported: ExportedState<'a>,
     /// The highest wavenumber that carries something.
     pub highest: f64,
-    pub norm_of_state: f64,
     /// The normalised amplitudes in `p`, or why no circuit prepares them.
     pub profile: std::result::Result<Vec<f64>, String>,
     /// `f(0)` by cell.
@@ -113,7 +108,7 @@ impl CompleteCircuit {
     /// As [`circuit_case::refuse`] and [`CircuitCase::new`]; [`Error::Input`] for more than
     /// [`MOST_QUBITS`] qubits, and what has no circuit of this kind.
     pub fn new(task: &CompleteCircuitInput<'_>) -> Result<Self> {
-        let CompleteCircuitInput { case, registers, grid, reading, .. } = task;
+        let ExportedState { case, registers, grid, reading, .. } = task.exported;
         let wrong = |what: String| Error::Input(format!("{}: --complete: {what}", case.name));
         circuit_case::refuse(case)?;
         let CircuitCase { transport, .. } = CircuitCase::new(case, Bins::Whole)?;
@@ -153,7 +148,8 @@ impl CompleteCircuit {
         builder.run(&start, &profile, &phases, [grid.recovery_index, cell]);
         let CircuitBuilder { mut circuit, stages, .. } = builder;
         circuit.finish();
-        let about = task.about(alpha, &phases, &start, cell, stages, circuit.counts());
+        let described = DescribedCircuit { alpha, phases, start, cell, stages };
+        let about = task.about(described, circuit.counts());
         Ok(Self { circuit, about })
     }
 
@@ -183,22 +179,15 @@ fn densest(reading: &MeasuredField, space: &PhaseSpace) -> usize {
 }
 
 impl CompleteCircuitInput<'_> {
-    fn about(
-        &self,
-        alpha: f64,
-        phases: &Phases,
-        start: &StatePreparation,
-        cell: usize,
-        stages: Vec<CircuitStage>,
-        counts: GateCounts,
-    ) -> CompleteDescription {
-        let Self { case, grid, end, .. } = self;
+    fn about(&self, described: DescribedCircuit, counts: GateCounts) -> CompleteDescription {
+        let DescribedCircuit { alpha, phases, start, cell, stages } = described;
+        let ExportedState { case, grid, norm_of_state, .. } = self.exported;
         let velocities = case.space.velocity_cells();
-        let at = |j: usize| end[(cell * velocities + j) * grid.points + grid.recovery_index];
+        let at = |j: usize| self.end[(cell * velocities + j) * grid.points + grid.recovery_index];
         let root = (velocities as f64).sqrt();
         let probability_start = start.probability(self.start);
         let a = (0..velocities).map(at).sum::<Complex64>() / root * probability_start.sqrt();
-        let scale = grid.recovery.exp() * self.norm_of_state;
+        let scale = grid.recovery.exp() * norm_of_state;
         let moment_scale = scale * root * case.space.velocity_cell_volume();
         CompleteDescription {
             alpha,
@@ -220,6 +209,16 @@ impl CompleteCircuitInput<'_> {
     }
 }
 
+/// A circuit as its description needs it: its block encoding, series, start and moment.
+struct DescribedCircuit {
+    alpha: f64,
+    phases: Phases,
+    start: StatePreparation,
+    /// The number of the space cell of the moment.
+    cell: usize,
+    stages: Vec<CircuitStage>,
+}
+
 /// The preparation of `f(0)`.
 enum StatePreparation {
     /// A product of vectors, one for each axis, `(x1..xn, v1..vn)`.
@@ -232,8 +231,8 @@ enum StatePreparation {
 
 impl StatePreparation {
     fn new(task: &CompleteCircuitInput<'_>) -> Self {
-        let (f, shape) = (task.start, task.case.space.shape());
-        let one = task.case.space.dimension() == 1;
+        let (f, shape) = (task.start, task.exported.case.space.shape());
+        let one = task.exported.case.space.dimension() == 1;
         if let Some(factors) = product(f, &shape) {
             return Self::Product(factors);
         }
@@ -313,7 +312,7 @@ impl CircuitBuilder {
         let estimate = circuit.register("estimate", task.estimate, RegisterRole::Readout);
         let walk = Walk::new(&mut circuit, &wires, transport, modes, Levels::Uniform);
         // The last axis is the lowest, velocities below space.
-        let sizes = &task.registers.phase_space;
+        let sizes = &task.exported.registers.phase_space;
         let (x, v) = sizes.split_at(sizes.len() / 2);
         let mut next = modes.qubits();
         let mut axes: Vec<Vec<Qubit>> = Vec::new();

@@ -106,6 +106,17 @@ impl PointGrid {
     }
 }
 
+/// The exported state: its case, where its amplitudes are, and the field that is read from it.
+#[derive(Clone, Copy)]
+pub(super) struct ExportedState<'a> {
+    pub case: &'a Case,
+    pub registers: &'a CircuitRegisters,
+    pub grid: &'a PointGrid,
+    pub reading: &'a MeasuredField,
+    /// `C_w`.
+    pub norm_of_state: f64,
+}
+
 /// The field that a measurement of the final state leaves, and its probabilities.
 pub(super) struct MeasuredField {
     /// `√π f/C_w e^{−p◇}`: the real part of the state at `p◇`, in the block of `f`.

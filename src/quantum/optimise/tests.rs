@@ -118,7 +118,7 @@ fn with_system(cells: [usize; 2], test: impl Fn(&System<'_>, &Dense)) {
     let ratio = norms.start / norms.field;
     let rounding = EVOLUTION_PART * ROUNDING_PART * case.tolerance / ratio;
     let synthesis = RotationSynthesis::default();
-    let accesses = &Accesses::new(&case, &bounds, entries, 6, rounding, synthesis);
+    let accesses = &Accesses::new(&case, &bounds, entries, rounding, synthesis);
     let system = System { world: None, case: &case, bounds: &bounds, ratio, norms, accesses };
     test(&system, &dense);
 }

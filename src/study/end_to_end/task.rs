@@ -12,12 +12,12 @@ use crate::quantum::optimise::candidate::{CostedChoice, System};
 use crate::quantum::optimise::choices;
 use crate::quantum::optimise::ranking::Ranking;
 use crate::quantum::readout::measurement::{amplitude_bound, preparations, root_evaluations};
-use crate::quantum::resources::{entries_of, qubits_of};
+use crate::quantum::resources::entries_of;
 use crate::quantum::surface_code::PhysicalCost;
 use crate::quantum::synthesis::RotationSynthesis;
 use crate::quantum::walk::{ROUNDING_PART, evolution_part};
 use crate::solve::prepared::Prepared;
-use crate::solve::system::{RoughSolution, StateNorms};
+use crate::solve::system::RoughSolution;
 use crate::study::end_to_end::measured::{MeasuredScheme, finer_grid};
 use crate::study::end_to_end::methods::{DegreeCost, QuantumMethod, QuantumName};
 use crate::study::end_to_end::traced::TracedDensity;
@@ -110,13 +110,15 @@ impl DensityTask<'_> {
         let factor = measured.factor(PARTS[0] * self.accuracy);
         let shape = finer_grid(&scheme, factor, measured.order.counted_on)?;
         let target = on_grid(&scheme, &shape);
-        let bounds = Bounds::new(&target)?;
-        let accesses = &self.accesses(&target, &bounds, &prepared, factor, tolerance / ratio);
+        let bounds = &Bounds::new(&target)?;
+        let accesses = &self.accesses(&target, bounds, &prepared, factor, tolerance / ratio);
         let overlap_error = self.overlap_error(&target, &scheme, norms.field);
         let state = if bounds.is_skew() {
             StateOfMethod::of_one_mode(tolerance)
         } else {
-            self.cheapest_state(&target, &bounds, ratio, norms, accesses)?
+            let world = Some(&self.world.group());
+            let system = System { world, case: &target, bounds, ratio, norms, accesses };
+            StateOfMethod::cheapest(&system)?
         };
         // The density is the amplitude of the all-zero outcome of a complete circuit.
         let probability = state.probability.or_nan();
@@ -176,39 +178,9 @@ impl DensityTask<'_> {
             target,
             bounds,
             entries.scaled(factor, fuller, FINER),
-            qubits_of(target),
             ROUNDING_PART * evolution_part(!bounds.is_skew()) * tolerance,
             self.synthesis,
         )
-    }
-
-    /// The cheapest profile of `target`, whose probability is that of the window, or of the slice.
-    /// Collective.
-    fn cheapest_state(
-        &self,
-        target: &Case,
-        bounds: &Bounds,
-        ratio: f64,
-        norms: StateNorms,
-        accesses: &Accesses,
-    ) -> Result<StateOfMethod> {
-        let world = &self.world.group();
-        let system = System { world: Some(world), case: target, bounds, ratio, norms, accesses };
-        let ranking = Ranking::new(choices(&system, &mut Progress::silent()));
-        let first = ranking.first().and_then(|choice| Some((choice, choice.requirements.clone()?)));
-        let Some((choice, requirements)) = first else {
-            let why = ranking.0.first().and_then(CostedChoice::why_not);
-            let why = why.unwrap_or_default();
-            return Err(Error::Input(format!("{}: no profile is planned: {why}", target.name)));
-        };
-        let known = choice.nearest().or_nan();
-        Ok(StateOfMethod {
-            profile: Some(choice.profile.clone()),
-            recovery: choice.recovery.clone(),
-            points: choice.points.clone(),
-            probability: LabelledNumber::estimate(known, MEASURED),
-            requirements,
-        })
     }
 
     /// Amplitude estimation of the mean of `f₀/max f₀` over all velocities. A trace has `segments`
@@ -277,5 +249,28 @@ impl StateOfMethod {
             )),
             probability: LabelledNumber::exact(1.0),
         }
+    }
+
+    /// The cheapest profile of a system, whose probability is that of the window, or of the slice.
+    /// Collective.
+    fn cheapest(system: &System<'_>) -> Result<Self> {
+        let ranking = Ranking::new(choices(system, &mut Progress::silent()));
+        let first = ranking.first().and_then(|choice| Some((choice, choice.requirements.clone()?)));
+        let Some((choice, requirements)) = first else {
+            let why = ranking.0.first().and_then(CostedChoice::why_not);
+            let why = why.unwrap_or_default();
+            return Err(Error::Input(format!(
+                "{}: no profile is planned: {why}",
+                system.case.name
+            )));
+        };
+        let known = choice.nearest().or_nan();
+        Ok(Self {
+            profile: Some(choice.profile.clone()),
+            recovery: choice.recovery.clone(),
+            points: choice.points.clone(),
+            probability: LabelledNumber::estimate(known, MEASURED),
+            requirements,
+        })
     }
 }
