@@ -127,6 +127,11 @@ def test_faces_of_constants(made: pw.Case) -> None:
     np.testing.assert_array_equal(made.faces("x"), expected)
 
 
+def test_faces_of_an_axis_that_is_not_there(made: pw.Case) -> None:
+    with pytest.raises(KeyError, match="z: no axis of this case, which has 1 of space"):
+        made.faces("z")
+
+
 def test_faces_of_a_float(made: pw.Case) -> None:
     expected = made.faces("x")
     made["axis.0.x.cells"] = float(len(expected) - 1)

@@ -131,12 +131,17 @@ fn method(case: &Case, bounds: &Bounds) -> String {
         case.tolerance
     );
     let settings = match case.method {
-        Method::Classical => format!(
-            "integrator {}, cfl {}, limiter {}\n",
-            choice_text(&case.classical.integrator),
-            case.classical.cfl,
-            choice_text(&case.scheme.limiter)
-        ),
+        Method::Classical => {
+            let integrator = choice_text(&case.classical.integrator);
+            let limiter = choice_text(&case.scheme.limiter);
+            let step = match case.classical.integrator {
+                Integrator::Exponential => String::new(),
+                Integrator::ForwardEuler | Integrator::SspRk3 => {
+                    format!(", cfl {}", case.classical.cfl)
+                }
+            };
+            format!("integrator {integrator}{step}, limiter {limiter}\n")
+        }
         Method::Schrodingerized => {
             format!(
                 "profile {}, coefficients {}, recovery by {}, inflow {}, delta {}, shift {}, \

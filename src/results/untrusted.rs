@@ -341,19 +341,8 @@ pub(crate) fn open_given(path: &Path, inspection: Inspection) -> FileResult<File
 /// is damaged.
 pub fn open(directory: &Path) -> Result<StoredRun> {
     let path = directory.join(RESULT);
-    let wrong = |why: &dyn std::fmt::Display| {
-        Error::Input(format!(
-            "{}: {why}; a directory that `phasewarp run` wrote is expected",
-            path.display()
-        ))
-    };
-    if !path.exists() && store::is_begun(directory) {
-        return Err(Error::Input(format!(
-            "{}: the run was stopped and is not finished; with --resume it goes on",
-            directory.display()
-        )));
-    }
-    disk::require_file(&path).map_err(|e| wrong(&e))?;
+    let wrong = |why: &dyn std::fmt::Display| not_a_result(&path, why);
+    require_result(directory)?;
     file_checksums::check_sizes(directory)?;
     let sums = inspect(directory, Inspection::Directory).map_err(|e| wrong(&e))?;
     if let Some((name, _)) = sums.iter().find(|(_, [found, expected])| found != expected) {
@@ -361,6 +350,26 @@ pub fn open(directory: &Path) -> Result<StoredRun> {
     }
     file_checksums::check_alone(directory)?;
     StoredRun::read(directory).map_err(|e| wrong(&e))
+}
+
+/// The error of a `path` without a result that can be read.
+fn not_a_result(path: &Path, why: &dyn std::fmt::Display) -> Error {
+    Error::Input(format!(
+        "{}: {why}; a directory that `phasewarp run` wrote is expected",
+        path.display()
+    ))
+}
+
+/// Fails unless `directory/result.h5` is a file.
+fn require_result(directory: &Path) -> Result<()> {
+    let path = directory.join(RESULT);
+    if !path.exists() && store::is_begun(directory) {
+        return Err(Error::Input(format!(
+            "{}: the run was stopped and is not finished; with --resume it goes on",
+            directory.display()
+        )));
+    }
+    disk::require_file(&path).map_err(|e| not_a_result(&path, &e))
 }
 
 /// A file whose datasets are as they were written.
@@ -378,9 +387,7 @@ pub struct CheckedFile {
 /// [`Error::Output`], which names the first dataset or file that has changed; [`Error::Input`] if
 /// there is no `result.h5`.
 pub fn check_directory(world: &Group, directory: &Path) -> Result<Vec<CheckedFile>> {
-    let path = directory.join(RESULT);
-    let fail = |what: &dyn std::fmt::Display| Error::Input(format!("{}: {what}", path.display()));
-    world.agree(disk::require_file(&path).map_err(|e| fail(&e)))?;
+    world.agree(require_result(directory))?;
     // One rank lists the files, as ranks may see different states of the directory.
     let names = world.of_first_rank(|| {
         file_checksums::check_sizes(directory)?;

@@ -411,6 +411,38 @@ fn steps_within_a_formula_have_their_height() {
     }
 }
 
+/// A barrier within an element, between the points at which the element evaluates its formula, is
+/// met by particles: the exact solution is that of the barrier written as a region, and no run that
+/// lost the barrier is called resolved.
+#[test]
+fn barriers_between_the_nodes_of_elements_are_met() {
+    const TEXT: &str = "[[axis]]\nx = { lower = -1, upper = 1, cells = 20 }\n\
+        v = { lower = -1.4, upper = 1.4, cells = 24 }\n\
+        [initial]\nf = \"exp(-((x + 0.5)^2/0.03 + (v - 0.7)^2/0.04))\"\n[time]\nend = 2\n\
+        [solver]\nmethod = \"classical\"\n";
+    const FORMULA: &str = "potential=[{value='0.3 if abs(x - 0.01) < 0.004 else 0'}]";
+    const REGION: &str = "potential=[{where='abs(x - 0.01) < 0.004',value='0.3'},{value='0'}]";
+    let place = directory();
+    let path = written(place.path(), TEXT).unwrap();
+    check_all(&[0, 2, 3, 4], |degree| {
+        let degree = format!("scheme.degree={degree}");
+        let run = |potential: &str, exact: bool| {
+            let results = directory();
+            let mut settings = vec![potential, degree.as_str()];
+            settings.extend(exact.then_some("exact.kind='characteristics'"));
+            Job::new(["run", &path]).set(&settings).solve(results.path())
+        };
+        let [formula, region] = [FORMULA, REGION].map(|potential| run(potential, true));
+        let [formula, region] = [formula?, region?].map(|found| found.number("error_l2_relative"));
+        let [formula, region] = [formula?, region?];
+        at_most("the error of the region is large", 1.0, region)?;
+        near("the error of the formula", formula, region, 0.05 * region)?;
+        let alone = run(FORMULA, false)?;
+        let verdict = &alone.value["verdict"];
+        alone.holds(if verdict == "under-resolved" { Ok(()) } else { Err(verdict.to_string()) })
+    });
+}
+
 /// A mass against which errors on elements are measured is that of the formula, also where an edge
 /// of `V`, at which the density jumps, lies within an element.
 #[test]

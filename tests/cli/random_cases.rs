@@ -283,11 +283,20 @@ fn scene_of_methods(choices: &mut Choices, steps: Steps) -> String {
         },
         choices.of(&["0.05", "0.4", "1"]),
     );
+    // Larger scenes of degree 2 take minutes.
+    let cells = text.split("cells = ").skip(1).filter_map(|t| t.split([',', ' ']).next());
+    let elements: usize = cells.filter_map(|cells| cells.parse::<usize>().ok()).product();
+    let most = match steps {
+        Steps::ToTheTolerance => 100_000,
+        Steps::ByHand => 20_000,
+    };
+    let is_large = elements * 3usize.pow(2 * dimension as u32) > most;
+    let upwind = format!("[scheme]\ndegree = {}\nflux = 1\n", if is_large { 1 } else { 2 });
     text += choices.of(&[
         "[scheme]\ninterface = \"hat\"\n",
         "[scheme]\ninterface = \"conservative\"\n",
         "[scheme]\ndegree = 1\n",
-        "[scheme]\ndegree = 2\nflux = 1\n",
+        &upwind,
     ]);
     let propagator = match steps {
         Steps::ToTheTolerance => series(choices),

@@ -214,8 +214,15 @@ class Case:
         Returns
         -------
         ndarray, shape (cells + 1,)
+
+        Raises
+        ------
+        KeyError
+            For an axis that the case does not have.
         """
         number, kind = axis_place(axis)
+        if number >= len(self["axis"]):
+            raise KeyError(f"{axis}: no axis of this case, which has {len(self['axis'])} of space")
         table = self[f"axis.{number}.{kind}"]
         lower, upper = table["lower"], table["upper"]
         if isinstance(lower, str) or isinstance(upper, str):

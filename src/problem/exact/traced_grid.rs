@@ -7,6 +7,7 @@ use crate::problem::element::Nodes;
 use crate::problem::exact::by_axes::moves_by_axes;
 use crate::problem::exact::cells::{TracedPotential, slopes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
+use crate::problem::potential::resolution::largest_mismatches;
 use crate::problem::potential::{ElementShape, Potential, region, region_edges, space_point};
 use std::ops::RangeInclusive;
 
@@ -255,15 +256,16 @@ fn cut_elements(
 
 /// How `V` varies within the elements of the case.
 fn element_shape(case: &Case) -> Result<ElementShape> {
-    if case.space.x.iter().all(|axis| axis.nodes.degree >= CURVATURE_DEGREE) {
-        return Ok(Potential::whole(case)?.shape(&case.space));
+    let mut fine = case.clone();
+    for axis in &mut fine.space.x {
+        if axis.nodes.degree < CURVATURE_DEGREE {
+            *axis = axis.by_elements().with_nodes(Nodes::of_space(CURVATURE_DEGREE));
+        }
     }
-    let mut space = case.space.by_elements();
-    for axis in &mut space.x {
-        *axis = axis.clone().with_nodes(Nodes::of_space(CURVATURE_DEGREE));
-    }
-    let case = Case { space, ..case.clone() };
-    Ok(Potential::whole(&case)?.shape(&case.space))
+    let shape = Potential::whole(&fine)?.shape(&fine.space);
+    // A formula may vary between the nodes only.
+    let is_missed = || !largest_mismatches(&fine).is_empty();
+    Ok(if shape < ElementShape::General && is_missed() { ElementShape::General } else { shape })
 }
 
 /// The least number of parts of an element, of these `numbers`, with which all `edges` lie on

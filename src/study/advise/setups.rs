@@ -8,7 +8,7 @@ use crate::study::advise::trials::UPDATES_PER_MODE;
 use crate::study::budget::longer;
 use crate::study::cost::application_weight;
 use crate::study::grids::shape_text;
-use crate::study::order::Order;
+use crate::study::order::{Order, orders_text};
 use serde::{Serialize, Serializer};
 use std::fmt;
 
@@ -145,7 +145,7 @@ impl SetupReport {
     }
 
     /// The reason why the set-up is only an estimate, if it is: its order is from one pair of
-    /// grids, or it takes more than `longest` seconds.
+    /// grids, errors grew on finer grids, or it takes more than `longest` seconds.
     pub fn not_settled(&self, longest: f64) -> Option<String> {
         let open = "not settled within this budget; ";
         if self.refused.is_some() {
@@ -153,6 +153,13 @@ impl SetupReport {
         } else if self.known == Evidence::Extrapolated && self.order.pairs.len() < 2 {
             let budget = self.wanted_budget.unwrap_or(f64::INFINITY);
             Some(format!("{open}{} holds its next grid and may settle it", longer(budget)))
+        } else if self.known != Evidence::Measured && self.order.is_erratic() {
+            Some(format!(
+                "{open}errors more than doubled from one of its grids to the next, so that one of \
+                 them does not resolve the solution (orders {}); finer grids (--budget) may settle \
+                 it",
+                orders_text(&self.order.pairs)
+            ))
         } else if self.seconds.is_some_and(|seconds| seconds > longest) {
             Some(format!(
                 "{open}it is expected to take more than 30 days on these ranks; a longer --budget, \
