@@ -128,7 +128,7 @@ def test_faces_of_constants(made: pw.Case) -> None:
 
 
 def test_faces_of_an_axis_that_is_not_there(made: pw.Case) -> None:
-    with pytest.raises(KeyError, match="z: no axis of this case, which has 1 of space"):
+    with pytest.raises(KeyError, match="z: the case has 1 dimensions of space"):
         made.faces("z")
 
 

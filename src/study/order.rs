@@ -4,9 +4,6 @@ use serde::Serialize;
 
 /// An error whose order in the width of the cells is below this does not count as falling.
 const LEAST: f64 = 0.1;
-/// An order below this is that of errors which more than double on a finer grid: one of the grids
-/// does not resolve the solution.
-const ERRATIC: f64 = -1.0;
 /// Largest relative difference of the last two orders of a settled sequence.
 const SPREAD: f64 = 0.15;
 
@@ -74,12 +71,6 @@ impl Order {
         self.order >= LEAST
     }
 
-    /// Whether one of the last two refinements more than doubled the error, so that the orders say
-    /// nothing about finer grids.
-    pub fn is_erratic(&self) -> bool {
-        self.pairs[self.pairs.len().saturating_sub(2)..].iter().any(|&q| q < ERRATIC)
-    }
-
     /// Richardson's estimate of the error of a grid from its distance `d` to a grid twice as fine:
     /// `e − e 2^{−q} = d`.
     pub fn error(&self, distance: f64) -> f64 {
@@ -142,10 +133,6 @@ mod tests {
         assert!(of_orders(&[-0.44, 0.6, 0.7, 0.75]).settled);
         let stuck = Order::of(&[0.06, 0.059, 0.0591], FIRST);
         assert!(!stuck.falls());
-        // Two grids missed what the third one sees, and its error is not an order.
-        assert!(of_orders(&[-4.05, 6.52]).is_erratic() && of_orders(&[0.5, -1.2]).is_erratic());
-        assert!(!uneven.is_erratic() && !of_orders(&[-4.0, 0.7, 0.8]).is_erratic());
-        assert!(!Order::default().is_erratic());
         // Exact on both: nothing to divide.
         assert_eq!(Order::of(&[0.0, 0.0], FIRST).order, 0.5);
     }

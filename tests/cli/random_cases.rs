@@ -284,8 +284,8 @@ fn scene_of_methods(choices: &mut Choices, steps: Steps) -> String {
         choices.of(&["0.05", "0.4", "1"]),
     );
     // Larger scenes of degree 2 take minutes.
-    let cells = text.split("cells = ").skip(1).filter_map(|t| t.split([',', ' ']).next());
-    let elements: usize = cells.filter_map(|cells| cells.parse::<usize>().ok()).product();
+    let cells = text.split("cells = ").skip(1).map(|t| t.split([',', ' ']).next().expect("cells"));
+    let elements: usize = cells.map(|cells| cells.parse::<usize>().expect("a number")).product();
     let most = match steps {
         Steps::ToTheTolerance => 100_000,
         Steps::ByHand => 20_000,

@@ -222,7 +222,7 @@ class Case:
         """
         number, kind = axis_place(axis)
         if number >= len(self["axis"]):
-            raise KeyError(f"{axis}: no axis of this case, which has {len(self['axis'])} of space")
+            raise KeyError(f"{axis}: the case has {len(self['axis'])} dimensions of space")
         table = self[f"axis.{number}.{kind}"]
         lower, upper = table["lower"], table["upper"]
         if isinstance(lower, str) or isinstance(upper, str):

@@ -86,8 +86,8 @@ pub(crate) fn is_running() -> bool {
     mpi::environment::is_initialized() && !mpi::environment::is_finalized()
 }
 
-/// Ends the job with exit code 1. Threads beside the first call MPI only for this, and to ask
-/// whether it is running.
+/// Ends the job with exit code 1. Threads beside the first call MPI only for this, to ask whether
+/// it is running, and, when one panics, for its rank.
 ///
 /// MPI is started with the thread level `single`, as all else is called by one thread. At that
 /// level the standard permits no such call from a second thread, and Open MPI leaves out locks. It

@@ -7,8 +7,9 @@ use crate::problem::element::Nodes;
 use crate::problem::exact::by_axes::moves_by_axes;
 use crate::problem::exact::cells::{TracedPotential, slopes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
-use crate::problem::potential::resolution::largest_mismatches;
+use crate::problem::potential::resolution::{POINTS, largest_mismatches};
 use crate::problem::potential::{ElementShape, Potential, region, region_edges, space_point};
+use std::iter::StepBy;
 use std::ops::RangeInclusive;
 
 /// An edge of a region this close to a face, as a fraction of an element, counts as lying on it.
@@ -123,28 +124,64 @@ pub(super) struct TracedGrid {
     pub is_accurate: bool,
 }
 
+/// How `V` varies within the elements of a case.
+struct VariationInElements {
+    /// Its shape.
+    shape: ElementShape,
+    /// The axes along which `V` differs between the nodes from what the nodes show.
+    missed: [bool; MAX_DIMENSION],
+}
+
+impl VariationInElements {
+    /// That of the case's `V`.
+    ///
+    /// # Errors
+    /// As [`Potential::whole`].
+    fn of(case: &Case) -> Result<Self> {
+        let mut fine = case.clone();
+        for axis in &mut fine.space.x {
+            if axis.nodes.degree < CURVATURE_DEGREE {
+                *axis = axis.by_elements().with_nodes(Nodes::of_space(CURVATURE_DEGREE));
+            }
+        }
+        let shape = Potential::whole(&fine)?.shape(&fine.space);
+        let mut missed = [false; MAX_DIMENSION];
+        largest_mismatches(&fine).iter().for_each(|found| missed[found.axis] = true);
+        // A formula may vary where no node sees it.
+        let is_missed = missed.contains(&true);
+        Ok(Self { shape: if is_missed { ElementShape::General } else { shape }, missed })
+    }
+
+    /// Nothing is known.
+    fn unknown() -> Self {
+        Self { shape: ElementShape::General, missed: [false; MAX_DIMENSION] }
+    }
+}
+
 impl TracedGrid {
-    /// The grid for `case`, by `V` in the elements of `sample`, in which it has this `shape`.
-    fn new(case: &Case, sample: &Case, shape: ElementShape, most: MostCells) -> Self {
+    /// The grid for `case`, by the `variation` of `V` in the elements of `sample`.
+    fn new(case: &Case, sample: &Case, variation: &VariationInElements, most: MostCells) -> Self {
+        let VariationInElements { shape, missed } = *variation;
         let is_approximate = most.approximates(shape);
         let edges = region_edges(sample);
-        let space = cut_elements(case, &edges, most, is_approximate);
+        let parts = LeastParts::new(case, most, is_approximate.then_some(missed));
+        let space = cut_elements(case, &edges, most, &parts);
         let is_bent = may_bend(case, &space, shape, most);
         let is_fine = space.x.iter().all(|axis| axis.cells == 1 || axis.cells >= FINE_CELLS);
-        let is_accurate = !is_approximate || is_fine;
+        let is_accurate = !is_approximate || is_fine && parts.meets_all;
         let by_cells = Self { space, is_bent, by_formulas: false, is_approximate, is_accurate };
         if !is_approximate || most.is_linear || !has_smooth_formulas(sample) {
             return by_cells;
         }
         let by_axes = || {
-            let space = cut_elements(sample, &edges, most, false);
+            let space = cut_elements(sample, &edges, most, &LeastParts::WHOLE);
             let potential = TracedPotential::new(sample, space, true);
             potential.is_ok_and(|potential| moves_by_axes(&potential))
         };
         if case.space.dimension() == 1 || is_fine && by_axes() {
             return by_cells;
         }
-        let space = cut_elements(case, &edges, most, false);
+        let space = cut_elements(case, &edges, most, &LeastParts::WHOLE);
         Self { space, is_bent: true, by_formulas: true, is_approximate: false, is_accurate: true }
     }
 }
@@ -177,7 +214,7 @@ fn has_smooth_formulas(case: &Case) -> bool {
 /// exact. The exceptions are one dimension, and motions along the axes that are independent of each
 /// other, on enough cells: a path through many cells takes less time there.
 pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
-    Ok(TracedGrid::new(case, case, element_shape(case)?, most))
+    Ok(TracedGrid::new(case, case, &VariationInElements::of(case)?, most))
 }
 
 /// Whether `V`, of this `shape` in the case's elements, may be curved in a cell of `space`. Cells
@@ -198,8 +235,9 @@ fn sampled_grid(case: &Case, most: MostCells) -> TracedGrid {
         axis.cells = axis.elements().min(sampled) * axis.nodes.count();
     }
     // Where V of the sample is not finite, that of the case may be.
-    let shape = element_shape(&sample).unwrap_or(ElementShape::General);
-    TracedGrid::new(case, &sample, shape, most)
+    let variation = VariationInElements::of(&sample);
+    let variation = variation.unwrap_or_else(|_| VariationInElements::unknown());
+    TracedGrid::new(case, &sample, &variation, most)
 }
 
 /// About the memory of a [`Tracer::with_cells`](super::Tracer::with_cells), in bytes: `V` in its
@@ -217,12 +255,62 @@ pub fn traced_cells_of_axis(case: &Case, most: MostCells) -> f64 {
     (sampled_grid(case, most).space.space_cells() as f64).powf(1.0 / case.space.dimension() as f64)
 }
 
+/// The least numbers of parts into which elements are cut.
+struct LeastParts {
+    /// By axis.
+    along: [usize; MAX_DIMENSION],
+    /// Along these axes the number is an odd multiple of [`POINTS`], so that cells have their
+    /// centres where `V` was found to differ from what the nodes show.
+    by_points: [bool; MAX_DIMENSION],
+    /// Whether all such axes are cut like that.
+    meets_all: bool,
+}
+
+impl LeastParts {
+    /// Elements need not be cut.
+    const WHOLE: Self =
+        Self { along: [1; MAX_DIMENSION], by_points: [false; MAX_DIMENSION], meets_all: true };
+
+    /// For `case`. `missed` are the axes along which nodes miss what `V` is between them; `None` if
+    /// `V` is not approximated in the cells.
+    fn new(case: &Case, most: MostCells, missed: Option<[bool; MAX_DIMENSION]>) -> Self {
+        let Some(missed) = missed else { return Self::WHOLE };
+        let space = case.space.by_elements();
+        let n = space.dimension();
+        let room = most.approximated as f64 / space.space_cells() as f64;
+        let share = |room: f64, axes: usize| {
+            (libm::pow(room, 1.0 / axes as f64) as usize).clamp(1, MOST_PARTS)
+        };
+        let enough = share(room, n);
+        let count = missed.iter().filter(|missed| **missed).count();
+        let left = room / libm::pow(POINTS as f64, count as f64);
+        let fits = left >= 1.0;
+        let by_points = missed.map(|missed| missed && fits);
+        let along = std::array::from_fn(|a| {
+            let Some(axis) = space.x.get(a) else { return 1 };
+            let least = match case.space.whole_degree() {
+                0 if n == MAX_DIMENSION => 1,
+                0 => enough.min(ENOUGH_CELLS.div_ceil(axis.cells)),
+                _ => enough,
+            };
+            if by_points[a] {
+                POINTS * (2 * (least / (2 * POINTS)) + 1)
+            } else if by_points.contains(&true) {
+                least.min(share(left, n - count))
+            } else {
+                least
+            }
+        });
+        Self { along, by_points, meets_all: fits || count == 0 }
+    }
+}
+
 /// The elements of the case, cut into parts. `edges` are those of the regions, by axis.
 fn cut_elements(
     case: &Case,
     edges: &[Option<Vec<f64>>],
     most: MostCells,
-    is_approximate: bool,
+    least: &LeastParts,
 ) -> PhaseSpace {
     let mut space = case.space.by_elements();
     let (n, cells) = (space.dimension(), space.space_cells());
@@ -230,14 +318,8 @@ fn cut_elements(
         let parts = libm::pow(most as f64 / cells as f64, 1.0 / n as f64);
         (parts as usize).clamp(1, MOST_PARTS)
     };
-    let enough = room(most.approximated);
-    for (axis, edges) in space.x.iter_mut().zip(edges) {
-        let least = match (is_approximate, case.space.whole_degree()) {
-            (false, _) => 1,
-            (true, 0) if n == MAX_DIMENSION => 1,
-            (true, 0) => enough.min(ENOUGH_CELLS.div_ceil(axis.cells)),
-            (true, _) => enough,
-        };
+    for (a, (axis, edges)) in space.x.iter_mut().zip(edges).enumerate() {
+        let fewest = least.along[a];
         let most_parts = match n {
             1 => MOST_CELLS_IN_LINE / axis.cells,
             _ => room(most.edges),
@@ -245,8 +327,10 @@ fn cut_elements(
         let edges = edges.as_deref().unwrap_or_default();
         // In more dimensions many edges belong to a curve that faces cannot follow.
         let follows = n == 1 || edges.len() <= FEW_EDGES;
-        let near = if follows { MOST_PARTS.min(most_parts).max(least) } else { least };
-        let parts = with_edges(axis, edges, least..=most_parts, near);
+        let near = if follows { MOST_PARTS.min(most_parts).max(fewest) } else { fewest };
+        let step = if least.by_points[a] { 2 * POINTS } else { 1 };
+        let numbers = (fewest..=most_parts.max(fewest)).step_by(step);
+        let parts = with_edges(axis, edges, numbers, near);
         if parts > 1 {
             *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
         }
@@ -254,24 +338,14 @@ fn cut_elements(
     space
 }
 
-/// How `V` varies within the elements of the case.
-fn element_shape(case: &Case) -> Result<ElementShape> {
-    let mut fine = case.clone();
-    for axis in &mut fine.space.x {
-        if axis.nodes.degree < CURVATURE_DEGREE {
-            *axis = axis.by_elements().with_nodes(Nodes::of_space(CURVATURE_DEGREE));
-        }
-    }
-    let shape = Potential::whole(&fine)?.shape(&fine.space);
-    // A formula may vary between the nodes only.
-    let is_missed = || !largest_mismatches(&fine).is_empty();
-    Ok(if shape < ElementShape::General && is_missed() { ElementShape::General } else { shape })
-}
-
 /// The least number of parts of an element, of these `numbers`, with which all `edges` lie on
 /// faces. If there is none, the number up to `near` with which they are nearest to faces.
-fn with_edges(axis: &Axis, edges: &[f64], numbers: RangeInclusive<usize>, near: usize) -> usize {
-    let least = *numbers.start();
+fn with_edges(
+    axis: &Axis,
+    edges: &[f64],
+    mut numbers: StepBy<RangeInclusive<usize>>,
+    near: usize,
+) -> usize {
     let furthest = |parts: usize| {
         let width = axis.width() / parts as f64;
         let miss = |edge: &f64| {
@@ -281,6 +355,10 @@ fn with_edges(axis: &Axis, edges: &[f64], numbers: RangeInclusive<usize>, near: 
         edges.iter().map(miss).fold(0.0, f64::max)
     };
     let on_face = EDGE_ON_FACE * axis.width();
-    let nearest = || (least..=near).min_by(|&a, &b| furthest(a).total_cmp(&furthest(b)));
-    numbers.into_iter().find(|&n| furthest(n) <= on_face).or_else(nearest).unwrap_or(least)
+    let all = numbers.clone();
+    let nearest = || {
+        let up_to = all.take_while(|&parts| parts <= near);
+        up_to.min_by(|&a, &b| furthest(a).total_cmp(&furthest(b)))
+    };
+    numbers.find(|&parts| furthest(parts) <= on_face).or_else(nearest).unwrap_or(1)
 }

@@ -8,9 +8,9 @@ use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::pieces::{energy_scale, piece, region, space_point, spread};
 use crate::problem::potential::values::{fine_points, slope_matrix};
 
-/// Number of points of an element, along each axis, at which both are compared. It is odd: an
-/// element's centre is one of them.
-const POINTS: usize = 13;
+/// Number of points of an element, along each axis, at which both are compared: the centres of so
+/// many parts. It is odd: an element's centre is one of them.
+pub const POINTS: usize = 13;
 /// Largest number of lines that are examined, over all axes. On a larger grid they are spread
 /// evenly.
 const MOST_LINES: usize = 1 << 16;

@@ -133,6 +133,18 @@ impl SetupReport {
         }
     }
 
+    /// Whether, without the exact solution, one of the last two refinements more than doubled an
+    /// error to one above that of the set-up: a grid missed what a finer one sees, and the orders
+    /// say nothing about others.
+    fn is_erratic(&self) -> bool {
+        let last = &self.grids[self.grids.len().saturating_sub(3)..];
+        let grows = |pair: &[MeasuredGrid]| {
+            let [before, after] = [&pair[0], &pair[1]].map(|grid| grid.error);
+            after > GROWTH * before && after > self.error.max(ROUND_OFF)
+        };
+        self.known != Evidence::Measured && last.windows(2).any(grows)
+    }
+
     /// First words of the reason of a refusal, if the grid is extrapolated by an order that has not
     /// settled: a longer budget may find a smaller grid. Empty otherwise.
     pub fn not_settled_yet(&self) -> String {
@@ -153,11 +165,12 @@ impl SetupReport {
         } else if self.known == Evidence::Extrapolated && self.order.pairs.len() < 2 {
             let budget = self.wanted_budget.unwrap_or(f64::INFINITY);
             Some(format!("{open}{} holds its next grid and may settle it", longer(budget)))
-        } else if self.known != Evidence::Measured && self.order.is_erratic() {
+        } else if self.is_erratic() {
+            let budget = longer(self.wanted_budget.unwrap_or(f64::INFINITY));
             Some(format!(
-                "{open}errors more than doubled from one of its grids to the next, so that one of \
-                 them does not resolve the solution (orders {}); finer grids (--budget) may settle \
-                 it",
+                "{open}the density changes more than twice as much from one of its last grids to \
+                 the next as before, so that not all of them resolve it (orders {}); {budget} may \
+                 settle it",
                 orders_text(&self.order.pairs)
             ))
         } else if self.seconds.is_some_and(|seconds| seconds > longest) {
@@ -171,6 +184,10 @@ impl SetupReport {
     }
 }
 
+/// Errors that grow by more than this factor from a grid to one twice as fine are no order.
+const GROWTH: f64 = 2.0;
+/// Errors of a density below this may be round-off.
+const ROUND_OFF: f64 = 1e-10;
 /// An extrapolated set-up whose order has not settled, or which takes longer than the budget, is
 /// only an estimate if it takes more than this many times the work of another set-up.
 const MOST_WORK_RATIO: f64 = 100.0;
@@ -228,7 +245,7 @@ pub fn mark_too_long(entries: &mut [SetupReport], budget: f64) {
 /// of another one, and their orders have not settled or they take longer than `budget` seconds. An
 /// order that has settled on coarse grids may be far below that of fine ones.
 pub fn mark_expensive(entries: &mut [SetupReport], budget: f64) {
-    let possible = entries.iter().filter(|e| e.refused.is_none());
+    let possible = entries.iter().filter(|e| e.refused.is_none() && !e.is_erratic());
     let Some(least) = possible.min_by(|a, b| a.work().total_cmp(&b.work())) else { return };
     let (name, least) = (least.name.clone(), least.work());
     for entry in entries {
@@ -396,6 +413,32 @@ mod tests {
         let open = SetupReport { wanted_budget: Some(61.3), order, ..entry(1.0, true) };
         let why = open.not_settled(1e9).expect("an estimate");
         assert!(why.contains("a --budget of about 62 s holds its next grid"), "{why}");
+    }
+
+    /// Errors that grow on a finer grid are no order, unless they are small or measured.
+    #[test]
+    fn a_grid_that_missed_something_is_no_advice() {
+        let of = |known: Evidence, errors: &[f64]| {
+            let grids = errors.iter().map(|&error| MeasuredGrid { shape: vec![4, 4], error });
+            let error = errors[errors.len() - 1];
+            SetupReport { known, grids: grids.collect(), error, ..entry(1.0, true) }
+        };
+        for known in [Evidence::Extrapolated, Evidence::Estimated] {
+            for errors in [&[0.01, 0.17, 0.002][..], &[0.3, 0.1, 0.21], &[0.5, 0.01, 0.17, 0.1]] {
+                let why = of(known, errors).not_settled(1e9).expect("an estimate");
+                assert!(why.contains("more than twice as much"), "{errors:?}: {why}");
+            }
+        }
+        assert_eq!(of(Evidence::Measured, &[0.01, 0.17, 0.002]).not_settled(1e9), None);
+        for errors in [&[0.11, 0.12, 0.06][..], &[0.01, 0.2, 0.1, 0.05], &[0.0, 1e-16, 5e-16]] {
+            assert_eq!(of(Evidence::Extrapolated, errors).not_settled(1e9), None, "{errors:?}");
+        }
+        // Nor is it the reason why another set-up is none.
+        let wrong = of(Evidence::Estimated, &[0.01, 0.17, 0.002]);
+        let dear = SetupReport { seconds: Some(100.0), ..entry(1e4, false) };
+        let mut entries = vec![wrong, dear];
+        mark_expensive(&mut entries, 8.0);
+        assert_eq!(entries[1].estimate, None);
     }
 
     /// A set-up of `applications` applications, extrapolated by an order that is `settled` or not.
