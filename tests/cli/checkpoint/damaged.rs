@@ -124,6 +124,10 @@ fn damaged_checkpoints_are_refused_and_the_older_one_used() {
 #[test]
 fn without_a_valid_checkpoint_a_run_does_not_go_on() {
     let sound = stopped(2).expect("a stopped run");
+    let unfinished = sound.path().to_str().expect("a path");
+    let finished = Job::new(["check-result", unfinished]).run().expect("a run");
+    assert_eq!(finished.code, Some(2), "{}", finished.report("refused"));
+    assert!(finished.errors.contains("--resume"), "{}", finished.errors);
     // Both generations are damaged.
     let directory = directory();
     io(copy(sound.path(), directory.path())).expect("a copy");
