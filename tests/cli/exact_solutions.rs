@@ -426,8 +426,8 @@ fn barriers_between_the_nodes_of_elements_are_met() {
         (0, 300, 1.5 / 13.0, 1.0 / 30.0),
         (0, 1000, 9.5 / 13.0, 1.0 / 16.0),
     ];
-    let place = directory();
     check_all(&ROWS, |&(degree, cells, centre, half)| {
+        let place = directory();
         let path = written(
             place.path(),
             &format!(
