@@ -241,7 +241,7 @@ struct Mesh {
 
 /// `plan` for one number of ranks and for several, `plan --calibrate` and `run` choose the same
 /// process mesh; each case has half of the numbers. By the model of the plan, no other mesh is
-/// faster by more than docs/limits.md says.
+/// faster by more than 15 %.
 #[test]
 fn plans_and_runs_choose_the_same_mesh() {
     const NUMBERS: [usize; 7] = [1, 2, 3, 4, 6, 8, 16];
