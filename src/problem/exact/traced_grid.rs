@@ -133,6 +133,9 @@ struct VariationInElements {
 }
 
 impl VariationInElements {
+    /// Nothing is known.
+    const UNKNOWN: Self = Self { shape: ElementShape::General, missed: [false; MAX_DIMENSION] };
+
     /// That of the case's `V`.
     ///
     /// # Errors
@@ -150,11 +153,6 @@ impl VariationInElements {
         // A formula may vary where no node sees it.
         let is_missed = missed.contains(&true);
         Ok(Self { shape: if is_missed { ElementShape::General } else { shape }, missed })
-    }
-
-    /// Nothing is known.
-    fn unknown() -> Self {
-        Self { shape: ElementShape::General, missed: [false; MAX_DIMENSION] }
     }
 }
 
@@ -235,8 +233,7 @@ fn sampled_grid(case: &Case, most: MostCells) -> TracedGrid {
         axis.cells = axis.elements().min(sampled) * axis.nodes.count();
     }
     // Where V of the sample is not finite, that of the case may be.
-    let variation = VariationInElements::of(&sample);
-    let variation = variation.unwrap_or_else(|_| VariationInElements::unknown());
+    let variation = VariationInElements::of(&sample).unwrap_or(VariationInElements::UNKNOWN);
     TracedGrid::new(case, &sample, &variation, most)
 }
 
@@ -253,6 +250,12 @@ pub fn traced_bytes(case: &Case, most: MostCells) -> u64 {
 /// axis, as a mean over the axes.
 pub fn traced_cells_of_axis(case: &Case, most: MostCells) -> f64 {
     (sampled_grid(case, most).space.space_cells() as f64).powf(1.0 / case.space.dimension() as f64)
+}
+
+/// The largest number of parts of an element along each of `axes` axes, if elements may be cut into
+/// `cells` cells.
+fn most_parts(cells: f64, axes: usize) -> usize {
+    (libm::pow(cells, 1.0 / axes as f64) as usize).clamp(1, MOST_PARTS)
 }
 
 /// The least numbers of parts into which elements are cut.
@@ -278,10 +281,7 @@ impl LeastParts {
         let space = case.space.by_elements();
         let n = space.dimension();
         let room = most.approximated as f64 / space.space_cells() as f64;
-        let share = |room: f64, axes: usize| {
-            (libm::pow(room, 1.0 / axes as f64) as usize).clamp(1, MOST_PARTS)
-        };
-        let enough = share(room, n);
+        let enough = most_parts(room, n);
         let count = missed.iter().filter(|missed| **missed).count();
         let left = room / libm::pow(POINTS as f64, count as f64);
         let fits = left >= 1.0;
@@ -296,7 +296,7 @@ impl LeastParts {
             if by_points[a] {
                 POINTS * (2 * (least / (2 * POINTS)) + 1)
             } else if by_points.contains(&true) {
-                least.min(share(left, n - count))
+                least.min(most_parts(left, n - count))
             } else {
                 least
             }
@@ -314,22 +314,18 @@ fn cut_elements(
 ) -> PhaseSpace {
     let mut space = case.space.by_elements();
     let (n, cells) = (space.dimension(), space.space_cells());
-    let room = |most: usize| {
-        let parts = libm::pow(most as f64 / cells as f64, 1.0 / n as f64);
-        (parts as usize).clamp(1, MOST_PARTS)
-    };
     for (a, (axis, edges)) in space.x.iter_mut().zip(edges).enumerate() {
         let fewest = least.along[a];
-        let most_parts = match n {
+        let largest = match n {
             1 => MOST_CELLS_IN_LINE / axis.cells,
-            _ => room(most.edges),
+            _ => most_parts(most.edges as f64 / cells as f64, n),
         };
         let edges = edges.as_deref().unwrap_or_default();
         // In more dimensions many edges belong to a curve that faces cannot follow.
         let follows = n == 1 || edges.len() <= FEW_EDGES;
-        let near = if follows { MOST_PARTS.min(most_parts).max(fewest) } else { fewest };
+        let near = if follows { MOST_PARTS.min(largest).max(fewest) } else { fewest };
         let step = if least.by_points[a] { 2 * POINTS } else { 1 };
-        let numbers = (fewest..=most_parts.max(fewest)).step_by(step);
+        let numbers = (fewest..=largest.max(fewest)).step_by(step);
         let parts = with_edges(axis, edges, numbers, near);
         if parts > 1 {
             *axis = Axis::new(axis.lower, axis.upper, axis.cells * parts);
