@@ -128,7 +128,8 @@ pub fn lines_about_errors(world: &World, directory: &Path, strict: bool) -> Resu
     })
 }
 
-/// Solves a case in memory, without console output, files or checkpoints. Collective over all
+/// Solves a case in memory, without console output, files or checkpoints. No particles are followed,
+/// and the estimates of the grid's error do not contain what the ledger knows. Collective over all
 /// ranks.
 ///
 /// # Errors

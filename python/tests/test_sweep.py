@@ -82,6 +82,14 @@ def test_chosen_columns(small: pw.Case, tmp_path: Path) -> None:
     assert found == ["solver.tolerance", *columns, "directory"]
 
 
+def test_a_nested_column_that_no_run_has_is_warned_of(small: pw.Case, tmp_path: Path) -> None:
+    columns = ["accuracy.grd", "accuracy.grid", "exact_l1"]
+    with pytest.warns(pw.PhasewarpWarning) as caught:
+        pw.sweep(small, {"solver.tolerance": [1e-2]}, tmp_path, columns=columns, progress=False)
+    expected = 'columns: accuracy has no entry grd in any run (did you mean "grid"?)'
+    assert [str(warning.message) for warning in caught] == [expected]
+
+
 def test_directories_are_those_of_the_command(small: pw.Case, tmp_path: Path) -> None:
     vary: dict[str, list[Any]] = {"solver.tolerance": [1e-2, 1e-5], "output.field_times": [[0.1]]}
     table = pw.sweep(small, vary, tmp_path, progress=False)
@@ -161,6 +169,8 @@ def test_what_gives_no_table_is_refused_before_the_first_run(
     assert "no entry accurazy.grid" in refused(one, columns=["modes", "accurazy.grid"])
     assert "not 'modes'" in refused(one, columns="modes")
     assert "mode = 'ful'" in refused(one, mode="ful")
+    with pytest.raises(ValueError, match="mode = 'ful'"):
+        pw.run(small, tmp_path / "sweep", mode="ful")  # type: ignore[arg-type]
     assert "initial.f: a formula" in refused({"initial.f": ["1*(abs(x)<1)", [1, 2]]})
     # As the command says it, and of a case without a file, too.
     said = 'unknown key solver.tolerence (did you mean "tolerance"?)'

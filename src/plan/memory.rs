@@ -505,8 +505,11 @@ impl<'a> FullestRank<'a> {
         let is_coarse = |axis: &Axis| axis.nodes.degree == 0 && axis.cells > 1;
         let of_a_cell = match &self.case.data {
             Data::Measure { .. } => return None,
-            // Four vectors, and two bytes of flags.
-            Data::Density if space.axes().any(is_coarse) => 4 * 8 + 2,
+            // Four vectors, one more beside elements, and two bytes of flags.
+            Data::Density if space.axes().any(is_coarse) => {
+                let vectors = if space.whole_degree() > 0 { 5 } else { 4 };
+                vectors * 8 + 2
+            }
             Data::Density => 2 * 8,
         };
         Some(NamedBytes::new("estimate of the grid's error", of_a_cell * self.cells))

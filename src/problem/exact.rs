@@ -58,7 +58,7 @@ pub struct BeforeFace {
 pub struct HalvedCells {
     /// Its limits.
     pub most: MostCells,
-    /// Least order in the width of the cells at which errors fall: that of particles that turn.
+    /// Order of convergence in the width of the cells, for particles that turn around: the lowest.
     pub order: f64,
 }
 
@@ -111,7 +111,7 @@ impl<'a> Tracer<'a> {
         if by_formulas {
             potential = potential.by_formulas(case);
         }
-        let paths = (!by_formulas && moves_by_axes(&potential)).then(AxisPaths::default);
+        let paths = (!by_formulas && moves_by_axes(&potential)).then(AxisPaths::shared);
         let lines = if paths.is_some() || potential.space.dimension() == 1 {
             AxisLine::all(&potential)
         } else {
@@ -133,9 +133,9 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// This tracer, whose [`follow`](Self::follow) goes forward in time.
+    /// This tracer, whose [`follow`](Self::follow) goes forward in time, for random particles.
     pub fn forward(self) -> Self {
-        let paths = self.paths.is_some().then(AxisPaths::default);
+        let paths = self.paths.is_some().then(AxisPaths::not_shared);
         // The lines are those of motion back in time, and only save time.
         Self { flow: self.flow.forward(), paths, lines: Vec::new(), ..self }
     }

@@ -29,7 +29,7 @@ pub use crate::problem::potential::values::KINK;
 use crate::base::error::Result;
 use crate::problem::case::Case;
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
-use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece};
+use crate::problem::potential::pieces::{PotentialPiece, element_centre, piece, spread};
 use crate::problem::potential::values::PotentialValues;
 use std::collections::HashSet;
 use std::ops::Range;
@@ -175,17 +175,12 @@ impl Potential {
         self.slope.iter().fold(0.0, |most, s| most.max(s[axis].abs()))
     }
 
-    /// How `V` varies within the elements of `space`, whose axes have degrees of at least 2.
-    pub fn shape(&self, space: &PhaseSpace) -> ElementShape {
-        let n = space.dimension();
-        let along = |a: usize| {
-            let axis = &space.x[a];
-            let farthest = axis.lower.abs().max(axis.upper.abs());
-            let tolerance = (SAME + ROUND_OFF * farthest / axis.width()) * self.steepest(a);
-            let shapes = (0..self.slope.len()).map(|p| self.shape_at(space, p, a, tolerance));
-            shapes.max().unwrap_or(ElementShape::Linear)
-        };
-        (0..n).map(along).max().unwrap_or(ElementShape::Linear)
+    /// How `V` varies within the elements of `space` that are covered. Slopes along an axis are
+    /// equal within the `tolerance` of that axis.
+    fn shape(&self, space: &PhaseSpace, tolerance: &[f64; MAX_DIMENSION]) -> ElementShape {
+        let along =
+            |a: usize| (0..self.slope.len()).map(move |p| self.shape_at(space, p, a, tolerance[a]));
+        (0..space.dimension()).flat_map(along).max().unwrap_or(ElementShape::Linear)
     }
 
     /// What the slope along `a` at the node `p` shows, compared with other nodes of its element.
@@ -287,4 +282,43 @@ pub fn nodal_values(case: &Case, ranges: &[Range<usize>]) -> Vec<f64> {
         constant.unwrap_or_else(|| formula.eval(&space_point(axes, &i)))
     };
     box_cells(ranges).map(value).collect()
+}
+
+/// Largest number of elements whose shape of `V` is examined, by dimension. In a larger grid they
+/// are spread evenly.
+const MOST_SHAPES: [usize; MAX_DIMENSION] = [1 << 13, 1 << 12, 1 << 10];
+
+/// How `V` varies within the elements of `case`, whose axes have degrees of at least 2.
+///
+/// # Errors
+/// As [`Potential::new`].
+pub fn shape_in_elements(case: &Case) -> Result<ElementShape> {
+    if case.potential.iter().all(|region| region.value.constant().is_some()) {
+        return Ok(ElementShape::Linear);
+    }
+    let space = &case.space;
+    let elements = space.by_elements();
+    let potentials = || {
+        spread(&elements.x, MOST_SHAPES[space.dimension() - 1]).map(|element| {
+            let nodes = space.x.iter().zip(element).map(|(axis, at)| {
+                let count = axis.nodes.count();
+                at * count..(at + 1) * count
+            });
+            Potential::new(case, &nodes.collect::<Vec<_>>())
+        })
+    };
+    let mut tolerance = [0.0; MAX_DIMENSION];
+    for potential in potentials() {
+        let potential = potential?;
+        for (a, axis) in space.x.iter().enumerate() {
+            let farthest = axis.lower.abs().max(axis.upper.abs());
+            let part = SAME + ROUND_OFF * farthest / axis.width();
+            tolerance[a] = f64::max(tolerance[a], part * potential.steepest(a));
+        }
+    }
+    let mut shape = ElementShape::Linear;
+    for potential in potentials() {
+        shape = shape.max(potential?.shape(space, &tolerance));
+    }
+    Ok(shape)
 }

@@ -230,7 +230,7 @@ pub struct Accuracy {
     /// the end of the run.
     #[serde(default)]
     pub inherited: GridErrorPair,
-    /// The reason why the grid's error is not known at all.
+    /// The reason why the grid's error is not known at all, or why an estimate of it says little.
     #[serde(default)]
     pub unknown: Option<String>,
     /// Estimate of the grid's error of `f`, if there is one; also if the error was measured.
@@ -263,6 +263,10 @@ pub const STAIRCASE: &str = "an edge of V is not along the axes: the error of th
 pub fn hides_staircase(case: &Case) -> bool {
     !matches!(case.exact, Some(Exact::Formula(_))) && !oblique_edges(case).is_empty()
 }
+
+/// What an estimate of the grid's error does not see, if `V` varies between the points of the grid.
+pub const HIDDEN_VARIATION: &str = "the grid does not resolve V (see the warning), which an \
+                                    estimate does not see";
 
 /// A larger relative error of the grid is large, whatever the algorithm's error.
 const LARGE_GRID_ERROR: f64 = 0.1;
@@ -344,6 +348,20 @@ impl Accuracy {
         self.includes_algorithm && self.is_large_for_its_goals()
     }
 
+    /// A large error of `f` that particles show beyond their scatter, if it is more than twice the
+    /// measured one. The measured one is the mean of the others where both see the same.
+    pub fn unmeasured_error(&self) -> Option<f64> {
+        let measured = self.grid.filter(|_| self.grid_measured)?;
+        self.particles.field.filter(|shown| is_large(*shown) && *shown > 2.0 * measured)
+    }
+
+    /// Whether nothing but an estimate from the solution is known of the grid's error.
+    pub fn is_estimated_only(&self) -> bool {
+        let ParticleErrors { field, field_mean, field_rough, .. } = self.particles;
+        let by_particles = [field, field_mean, field_rough].iter().any(Option::is_some);
+        !self.grid_measured && !by_particles && self.worst() > 0.0
+    }
+
     /// Whether the grid's error is above a tenth.
     pub fn is_coarse(&self) -> bool {
         is_large(self.worst())
@@ -370,7 +388,8 @@ impl Accuracy {
         let what = self.what_is_measured();
         let how = if self.grid_measured { "measured" } else { "estimated" };
         let of_algorithm = of_algorithm.map_or(String::new(), |text| format!("; {text}"));
-        Some(format!("{head}: {what} ({how}, relative L2) {errors}{of_algorithm}{advice}"))
+        let doubt = self.unknown.as_ref().map_or(String::new(), |why| format!("; {why}"));
+        Some(format!("{head}: {what} ({how}, relative L2) {errors}{of_algorithm}{advice}{doubt}"))
     }
 
     /// The name of the errors of the grid: the measured ones may be mostly the algorithm's.
@@ -415,10 +434,17 @@ impl Accuracy {
         self.advice.as_ref().map_or(String::new(), |advice| format!("; {advice}"))
     }
 
+    /// The relative L1 error of the density that `solver.accuracy` bounds: the measured one, or the
+    /// larger of those that trials expect and that particles show.
+    pub fn error_against_goal(&self) -> Option<f64> {
+        let expected = self.goal_estimate.into_iter().chain(self.particles.density);
+        self.goal_error.or(expected.reduce(f64::max))
+    }
+
     /// The remedy for a run of `case` whose grid's error is too large.
     pub fn remedy(&self, case: &Case) -> String {
         let degree = case.space.lowest_degree();
-        let missed = self.goal_error.zip(self.goal).filter(|(error, goal)| error > goal);
+        let missed = self.error_against_goal().zip(self.goal).filter(|(error, goal)| error > goal);
         let is_large = missed.is_some() || self.is_coarse();
         let (ratio, wanted) = match missed {
             Some((error, goal)) => (error / goal, format!("{goal:e}")),

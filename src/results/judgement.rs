@@ -1,9 +1,12 @@
 //! Judges a run by the numbers of its summary: its accuracy, the goals that it misses, what would
 //! help, what is not known.
 
+use crate::base::text::{rounded_down, short};
 use crate::problem::case::{Case, Data, Integrator, Method};
+use crate::problem::potential::resolution::persistent_mismatch;
 use crate::results::accuracy::{
-    Accuracy, EstimatedErrors, GridErrorPair, PARTS_OF_SPACE, STAIRCASE, hides_staircase, is_large,
+    Accuracy, EstimatedErrors, GridErrorPair, HIDDEN_VARIATION, PARTS_OF_SPACE, STAIRCASE,
+    hides_staircase, is_large,
 };
 use crate::results::summary::Summary;
 use crate::results::verdict::{FAR_ABOVE, MissedGoals, Verdict};
@@ -78,8 +81,16 @@ impl Summary {
     /// Sets what would help, and what is not known.
     fn set_advice(&mut self, case: &Case) {
         let accuracy = &mut self.accuracy;
-        let expected = accuracy.goal_estimate.into_iter().chain(accuracy.particles.density);
-        let of_density = accuracy.goal_error.or(expected.reduce(f64::max));
+        if let Some(shown) = accuracy.unmeasured_error() {
+            let shown = short(rounded_down(100.0 * shown));
+            accuracy.unknown = Some(format!(
+                "particles show an error of f of at least {shown} %, of which [exact] measures the \
+                 smaller part: f varies between its points"
+            ));
+        } else if accuracy.is_estimated_only() && persistent_mismatch(case).is_some() {
+            accuracy.unknown = Some(HIDDEN_VARIATION.to_owned());
+        }
+        let of_density = accuracy.error_against_goal();
         if let Some((error, goal)) = of_density.zip(accuracy.goal) {
             accuracy.under_resolved = error > goal;
         }
@@ -198,7 +209,41 @@ mod tests {
         let missed = missed.expect("missed");
         assert!(missed.contains("MISSED: 2.00e-1 (relative L1, shown by particles)"), "{missed}");
         assert!(under_resolved);
+        // What is advised is for the missed goal: no tolerance is too small for a grid.
+        let particles = ParticleErrors { density: Some(0.02), ..ParticleErrors::default() };
+        let accuracy = Accuracy { particles, goal: Some(1e-2), ..Accuracy::default() };
+        let remedy = accuracy.remedy(&case);
+        assert!(remedy.starts_with("more cells (at least 2 times as many"), "{remedy}");
+        assert!(!remedy.contains("tolerance"), "{remedy}");
         assert_eq!(judged(5e-3, None), (None, false));
         assert_eq!(judged(0.2, Some(5e-3)), (None, false));
+    }
+    /// An estimate does not see a barrier that the grid misses, so that the verdict is unknown.
+    /// Particles follow `V`, and an exact solution does.
+    #[test]
+    fn a_potential_that_the_grid_misses_leaves_the_verdict_unknown() {
+        let text = "[[axis]]\nx = { lower = 0, upper = 1, cells = 8 }\n\
+                    v = { lower = -1, upper = 1, cells = 8 }\n[[potential]]\n\
+                    value = \"0.2 if abs(x - 0.5625) < 0.01 else 0\"\n\
+                    [initial]\nf = \"1\"\n[time]\nend = 1\n[solver]\nmethod = \"classical\"\n";
+        let case = Case::parse("test", text, &[]).expect("a case");
+        let smooth = text.replace("0.2 if abs(x - 0.5625) < 0.01 else 0", "0.2*x");
+        let smooth = Case::parse("test", &smooth, &[]).expect("a case");
+        let grid = GridErrorPair { field: Some(1e-3), density: Some(1e-3) };
+        let judged = |case: &Case, by_particles: Option<f64>, measured: Option<f64>| {
+            let particles =
+                ParticleErrors { field_mean: by_particles, ..ParticleErrors::default() };
+            let accuracy = Accuracy { particles, ..Accuracy::default() };
+            let mut summary =
+                Summary { accuracy, error_l2_relative: measured, ..Summary::default() };
+            summary.judge(case, EstimatedErrors { grid, ..EstimatedErrors::default() });
+            let line = summary.accuracy.line().expect("errors");
+            assert_eq!(summary.accuracy.unknown.is_some(), line.contains("does not resolve V"));
+            summary.verdict
+        };
+        assert_eq!(judged(&case, None, None), Some(Verdict::Unknown));
+        assert_eq!(judged(&case, Some(1e-3), None), Some(Verdict::Resolved));
+        assert_eq!(judged(&case, None, Some(1e-3)), Some(Verdict::Resolved));
+        assert_eq!(judged(&smooth, None, None), Some(Verdict::Resolved));
     }
 }

@@ -10,6 +10,7 @@
 
 use crate::base::error::Result;
 use crate::base::quadrature::gauss_legendre;
+use crate::base::random::evenly_spread;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
@@ -38,6 +39,11 @@ const MOST_POINTS: usize = 1 << 17;
 const FOLLOWED: [usize; 2] = [256, 64];
 /// Largest number of nodes at which the initial data are evaluated.
 const MOST_NODES: usize = 1 << 19;
+/// Where data are sampled, their ends are this many mean distances of samples farther out: between
+/// uniform ones a gap is wider in one of 3000 cases.
+const GAPS: f64 = 8.0;
+/// With fewer samples the data may be anywhere in the box.
+const FEW_SAMPLES: usize = 32;
 /// Number of points that are evaluated together.
 const POINTS_AT_ONCE: usize = 1 << 10;
 /// Data below this part of the largest value count as zero.
@@ -56,7 +62,7 @@ const INFLOW_PARTS: f64 = 256.0;
 pub struct LedgerBeforeRun {
     /// Regions, jumps, and estimates by particles.
     pub ledger: Ledger,
-    /// Those of the particles that are in the box at the end; none if their paths are not accurate.
+    /// Particles that are in the box at the final time; none if their paths are not accurate.
     pub arrivals: Arrivals,
 }
 
@@ -95,8 +101,7 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
     if case.warped_start.is_some() {
         ledger.omitted.push("the initial mass, and all estimates: initial.warped has no f".into());
     } else if let Some(start) = &case.start_field {
-        let why =
-            format!("all estimates: f at t = {} is of {}", case.start_time, start.path.display());
+        let why = format!("all estimates: the run starts from f in {}", start.path.display());
         ledger.omitted.push(why);
         if case.follows_from_formulas() {
             // The ledger counts from the start of the run, these particles from time 0.
@@ -359,9 +364,12 @@ impl DataSupport {
                 }
             }
         }
-        let stride = space.cells().div_ceil(MOST_NODES);
-        let nodes = (world.rank()..space.cells().div_ceil(stride)).step_by(world.size());
-        let nodes = || nodes.clone().map(|k| space.point(&space.cell(k * stride)));
+        let (cells, is_sampled) = (space.cells(), space.cells() > MOST_NODES);
+        let cell = |k: usize| {
+            if is_sampled { (evenly_spread(k) * cells as f64) as usize } else { k }
+        };
+        let nodes = (world.rank()..cells.min(MOST_NODES)).step_by(world.size());
+        let nodes = || nodes.clone().map(|k| space.point(&space.cell(cell(k))));
         let all = || inside.iter().copied().chain(nodes());
         // The points are made twice: their values take a seventh of the memory.
         let sizes = sizes_at(case, all());
@@ -369,7 +377,9 @@ impl DataSupport {
         // Lower ends are stored as negatives, so that both are maxima.
         let mut ends = vec![f64::NEG_INFINITY; 4 * n];
         let counts = |(_, size): &([f64; 6], &f64)| **size > NEGLIGIBLE * largest;
+        let mut hits = 0;
         for (point, _) in all().zip(&sizes).filter(counts) {
+            hits += 1;
             for a in 0..2 * n {
                 let x = point[coordinate(n, a)];
                 ends[a] = ends[a].max(-x);
@@ -380,7 +390,14 @@ impl DataSupport {
         let count = world.sum_count(beyond.len());
         let bound = world.max(beyond.iter().fold(0.0, |most: f64, mass| most.max(*mass)));
         let beyond = world.sum(bound, count, beyond.into_iter()) / points as f64;
-        Self { within: box_around(space, &ends), beyond }
+        // All nodes show the ends to an element; some of them, and points, to a gap between these.
+        let hits = world.sum_count(hits);
+        let within = match hits {
+            _ if !is_sampled => box_around(space, &ends, 0.0),
+            0..FEW_SAMPLES => SampleBox::whole(space, 0.0),
+            _ => box_around(space, &ends, GAPS / hits as f64),
+        };
+        Self { within, beyond }
     }
 }
 
@@ -393,16 +410,18 @@ fn sizes_at(case: &Case, points: impl Iterator<Item = [f64; 6]>) -> Vec<f64> {
 }
 
 /// The box between `ends` (first the negatives of the lower ones, then the upper ones), enlarged by
-/// an element on each side; the whole box if there are no data.
-fn box_around(space: &PhaseSpace, ends: &[f64]) -> SampleBox {
+/// an element and by the part `gap` of its width on each side; the whole box if there are no data.
+fn box_around(space: &PhaseSpace, ends: &[f64], gap: f64) -> SampleBox {
     let whole = SampleBox::whole(space, 0.0);
     let axes = ends.len() / 2;
     if ends[0] == f64::NEG_INFINITY {
         return whole;
     }
-    let width: Vec<f64> = space.axes().map(|axis| axis.width()).collect();
-    let lower = |a: usize| (-ends[a] - width[a]).max(whole.lower[a]);
-    let upper = |a: usize| (ends[axes + a] + width[a]).min(whole.upper[a]);
+    let extent = |a: usize| ends[axes + a] + ends[a];
+    let more: Vec<f64> =
+        space.axes().enumerate().map(|(a, axis)| axis.width() + gap * extent(a)).collect();
+    let lower = |a: usize| (-ends[a] - more[a]).max(whole.lower[a]);
+    let upper = |a: usize| (ends[axes + a] + more[a]).min(whole.upper[a]);
     SampleBox { lower: (0..axes).map(lower).collect(), upper: (0..axes).map(upper).collect() }
 }
 

@@ -35,6 +35,9 @@ use crate::scheme::reduce::reduced;
 use crate::solve::prepared::Prepared;
 use crate::solve::rank_cells::RankCells;
 
+/// A probe of more updates of unknowns than this, about a second of one core, is announced.
+const LONG_PROBE: f64 = 1e9;
+
 /// The state that all steps of a run share.
 pub(super) struct Driver<'a> {
     world: &'a World,
@@ -450,6 +453,13 @@ impl<'a> Driver<'a> {
     /// the disk has no room for the warped field. Collective.
     fn plan_modes(&mut self, mut prepared: Prepared, resources: &Resources) -> Result<Prepared> {
         if prepared.plan.warp.is_some() {
+            let applications = prepared.bounds.rate * prepared.case.duration();
+            if applications * prepared.case.space.cells() as f64 > LONG_PROBE {
+                self.log.line(&format!(
+                    "the norm at the end is measured first, by about {applications:.0} \
+                     applications of A"
+                ));
+            }
             let ratio = prepared.probe();
             self.log.watch.lap("probe");
             prepared = prepared.plan_modes(self.world, resources, ratio)?;

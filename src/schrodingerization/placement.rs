@@ -232,7 +232,7 @@ fn transformed(
     let series = match (warp.coefficients, warp.points) {
         (Coefficients::Sampled, points) => {
             let points = points.unwrap_or(2 * (modes as usize - 1).max(1));
-            Series::sampled(interval, points, |p| shape.value(p))
+            Series::sampled(interval, points, shape.values())
         }
         (Coefficients::Analytic, Some(points)) => {
             Series::analytic_points(period, points, |mu| shape.coefficient(mu))

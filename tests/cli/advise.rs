@@ -444,6 +444,8 @@ fn advice_is_the_same_on_any_ranks() {
 /// accuracies and budgets are refused, too, and so is a relative error of a zero density.
 #[test]
 fn unreachable_accuracies_are_refused() {
+    /// A barrier within a formula, a quarter of a cell wide.
+    const THIN: &str = "potential=[{value='0.3 if abs(x + 0.31) < 0.004 else 0'}]";
     let rows = [
         (vec!["--accuracy", "1e-9", "--budget", "20s"], &["out of reach", "cells"][..]),
         (vec!["--accuracy", "0"], &["above 0 and below 1"]),
@@ -452,6 +454,10 @@ fn unreachable_accuracies_are_refused() {
         (vec!["--budget", "0"], &["above 0"]),
         (vec!["--accuracy", "1e-1", "--budget", "1e-6"], &["a longer --budget"]),
         (vec!["--accuracy", "1e-1", "--set", "initial.f=0"], &["a relative error has no meaning"]),
+        (
+            vec!["--accuracy", "1e-1", "--set", THIN, "--set", "exact={}"],
+            &["potential.0.value: ", "does not resolve V", "need a region of their own"],
+        ),
     ];
     check_all(&rows, |(arguments, wording)| {
         let path = case("step_up.toml");

@@ -139,12 +139,27 @@ fn whole(kind: usize) -> Result<&'static BTreeMap<String, Stored>> {
     WHOLES[kind].get_or_init(run).as_ref().map_err(String::clone)
 }
 
-/// For each event and file system, the number of trials and of those that ended with an error.
-type Tally = Mutex<[[[usize; 2]; SYSTEMS.len()]; EVENTS.len()]>;
+/// Moments of events with the part of the name of a file or directory that begins them.
+const MOMENTS: [(&str, &str); 5] = [
+    ("any time", ""),
+    ("checkpoint", "checkpoint"),
+    ("fields", "result.h5.partial"),
+    ("summary", "summary.json"),
+    ("other files", ".partial"),
+];
 
-/// One run on one disk, with an event at a random moment: after some time, after the start of the
-/// first checkpoint, or after the start of a file.
-fn trial(number: u64, tally: &Tally) -> Result<()> {
+/// The number of trials and of those that ended with an error.
+type Trials = [usize; 2];
+
+/// The trials by event and file system, and by event and moment.
+#[derive(Default)]
+struct Tally {
+    by_system: [[Trials; SYSTEMS.len()]; EVENTS.len()],
+    by_moment: [[Trials; MOMENTS.len()]; EVENTS.len()],
+}
+
+/// One run on one disk, with an event at a random time after one of the [`MOMENTS`].
+fn trial(number: u64, tally: &Mutex<Tally>) -> Result<()> {
     let draw = |what: u64| random(977 * number + what);
     let kind = number as usize / SYSTEMS.len() % KINDS.len();
     let event = number as usize / SYSTEMS.len() % EVENTS.len();
@@ -152,7 +167,8 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     let system = number as usize % SYSTEMS.len();
     let disk = Disk::new(SYSTEMS[system])?;
     let results = disk.root.join("results");
-    let awaited = ["", "checkpoint", ".partial", ".partial"][(4.0 * draw(1)) as usize];
+    let moment = (MOMENTS.len() as f64 * draw(1)) as usize;
+    let awaited = MOMENTS[moment].1;
     let longest = if awaited.is_empty() { 0.5 } else { 0.02 };
     let delay = Duration::from_secs_f64(longest * draw(2));
     let room = if draw(3) < 0.3 { 0 } else { (2e5 * draw(4)) as u64 };
@@ -170,9 +186,10 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
     happened.unwrap_or(Ok(()))?;
     ended_well(EVENTS[event], &finished, &results)?;
     {
-        let mut tally = tally.lock().map_err(|e| e.to_string())?;
-        let [runs, errors] = &mut tally[event][system];
-        (*runs, *errors) = (*runs + 1, *errors + usize::from(finished.code != Some(0)));
+        let Tally { by_system, by_moment } = &mut *tally.lock().map_err(|e| e.to_string())?;
+        for [runs, errors] in [&mut by_system[event][system], &mut by_moment[event][moment]] {
+            (*runs, *errors) = (*runs + 1, *errors + usize::from(finished.code != Some(0)));
+        }
     }
     protect(&disk.root, false)?;
     if disk.filler().exists() {
@@ -233,17 +250,23 @@ fn full_lost_and_read_only_disks_are_survived() {
     let first = number_from_environment("PHASEWARP_FIRST_TRIAL", 0);
     let count = number_from_environment("PHASEWARP_TRIALS", 9);
     let all: Vec<u64> = (first..first + count).collect();
-    let tally = Tally::default();
+    let tally = Mutex::new(Tally::default());
     check_all(&all, |&number| {
         trial(number, &tally).map_err(|why| format!("trial {number}: {why}"))
     });
-    let tally = tally.into_inner().expect("no thread failed");
+    let Tally { by_system, by_moment } = tally.into_inner().expect("no thread failed");
     println!("| event | disk | runs | ended with an error |\n|---|---|---|---|");
-    for (event, tally) in EVENTS.iter().zip(tally) {
+    for (event, tally) in EVENTS.iter().zip(by_system) {
         for (system, [runs, errors]) in SYSTEMS.iter().zip(tally) {
             println!("| {event:?} | {system} | {runs} | {errors} |");
             // With few runs, the event may come after the end of all of them.
             assert!(errors > 0 || runs < 20, "no run on {system} failed by {event:?}");
+        }
+    }
+    println!("| event | moment | runs | ended with an error |\n|---|---|---|---|");
+    for (event, tally) in EVENTS.iter().zip(by_moment) {
+        for ((moment, _), [runs, errors]) in MOMENTS.iter().zip(tally) {
+            println!("| {event:?} | {moment} | {runs} | {errors} |");
         }
     }
 }

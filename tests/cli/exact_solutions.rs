@@ -421,7 +421,7 @@ fn barriers_between_the_nodes_of_elements_are_met() {
         v = { lower = -1, upper = 1, cells = 2 }\n";
     /// The second axis, degree, cells, and the barrier's centre and half-width in elements from
     /// x = 0.
-    const ROWS: [(&str, usize, usize, f64, f64); 9] = [
+    const ROWS: [(&str, usize, usize, f64, f64); 10] = [
         ("", 2, 20, 0.1, 0.04),
         ("", 3, 20, 0.1, 0.04),
         ("", 4, 20, 0.12, 0.04),
@@ -430,6 +430,7 @@ fn barriers_between_the_nodes_of_elements_are_met() {
         ("", 0, 300, 1.5 / 13.0, 1.0 / 30.0),
         ("", 0, 1000, 9.5 / 13.0, 1.0 / 16.0),
         (Y, 0, 48, 9.5 / 13.0, 1.0 / 16.0),
+        (Y, 0, 48, 9.5 / 13.0, 1.0 / 40.0),
         (Y, 1, 16, 3.5 / 13.0, 0.03),
     ];
     check_all(&ROWS, |&(second_axis, degree, cells, centre, half)| {

@@ -39,6 +39,37 @@ struct Loss<'a> {
     by: f64,
 }
 
+/// The mass by the formula is that of a box of data whose grid is too large to look at every node,
+/// with numbers of cells of which the sampled nodes are multiples.
+#[test]
+fn a_box_of_data_in_a_large_grid_is_found() {
+    let rows = [[128, 8, 20], [127, 9, 26], [64, 16, 26], [128, 10, 3]];
+    check_all(&rows, |&[first, second, half]| {
+        let place = directory();
+        let axis = |cells: usize| {
+            format!(
+                "[[axis]]\nx = {{ lower = -1, upper = 1, cells = 64 }}\n\
+                 v = {{ lower = -1, upper = 1, cells = {cells} }}\n"
+            )
+        };
+        let half = f64::from(half as u32) / 100.0;
+        let text = format!(
+            "{}{}[[potential]]\nvalue = \"0\"\n[initial]\nf = \"1 if abs(x) < 0.1 && abs(y) < 0.1 \
+             && abs(vx) < 0.1 && abs(vy) < {half} else 0\"\n[time]\nend = 0.01\n[solver]\n\
+             method = \"classical\"\n",
+            axis(first),
+            axis(second)
+        );
+        let path = written(place.path(), &text)?;
+        let summary = Job::new(["run", &path]).solve(place.path())?;
+        let mass = number(&summary, "mass", "formula")?;
+        let uncertain = number(&summary, "mass", "formula_error")?;
+        let exact = 0.2f64.powi(3) * 2.0 * half;
+        summary.holds(near("mass", mass, exact, 5.0 * uncertain))?;
+        summary.holds(at_most("standard error", uncertain, 0.5 * exact))
+    });
+}
+
 /// The outflow estimated by particles equals the loss of mass on the grid, through the expected
 /// ends, up to the dissipation of the scheme.
 #[test]

@@ -63,6 +63,12 @@ fn runs_take_the_planned_memory() {
         "axis.0.x.cells=3", "axis.1.x.cells=3", "axis.2.x.cells=3", "axis.0.v.cells=4",
         "axis.1.v.cells=4", "axis.2.v.cells=4", "scheme.degree=1", "time.end=0.002",
     ];
+    // The shape of V within elements is found on the way.
+    let many_of_space = [
+        "axis.0.x.cells=400", "axis.1.x.cells=400", "axis.0.v.cells=2", "axis.1.v.cells=2",
+        "time.end=0.001", "solver.reduce=false",
+    ];
+    let sloping = ["potential=[{value='0.1*x'}]", "solver.method=classical", "exact={}"];
     // The exact density is not to take long.
     let pulse = [
         "inflow.value='exp(-20*(t - 0.2)^2)'",
@@ -106,6 +112,7 @@ fn runs_take_the_planned_memory() {
         ("example1.toml", &large, &["solver.method=classical"], 1, CLOSE),
         ("example1.toml", &large, &SLOPES, 1, CLOSE),
         ("slope_jump.toml", &large, &slopes, 1, CLOSE),
+        ("barrier2d.toml", &many_of_space, &sloping, 1, CLOSE),
         ("example2.toml", &grid, &[], 1, CLOSE),
         ("slope_jump.toml", &elements, &quick, 2, CLOSE),
         ("example1.toml", &elements, &["solver.method=classical"], 1, CLOSE),

@@ -6,7 +6,7 @@ import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal, get_args, overload
 
 import numpy as np
 import pandas as pd
@@ -23,6 +23,12 @@ Option = str | float | bool | Iterable[int] | None
 def as_case(case: CaseLike) -> Case:
     """Return a case; of a path, the case in that file."""
     return case if isinstance(case, Case) else Case(case)
+
+
+def refuse_unknown_mode(mode: Mode | None) -> None:
+    """Raise `ValueError` for a mode that is none."""
+    if mode not in (None, *get_args(Mode)):
+        raise ValueError(f"mode = {mode!r}: one of {get_args(Mode)} expected")
 
 
 def options(**values: Option) -> list[str]:
@@ -153,6 +159,7 @@ def plan(
         raise TypeError(
             f"ranks = {ranks!r}: a whole number or a list of them expected, as range(1, 9)"
         )
+    refuse_unknown_mode(mode)
     numbers = list(ranks) if isinstance(ranks, Iterable) else [whole("ranks", ranks)]
     given = options(
         # The last twice: so a list of one number is a list, too.
@@ -322,10 +329,13 @@ def run(
         After `timeout`.
     PhasewarpError
         For any other failure.
+    ValueError
+        For an unknown `mode`.
     """
     place = one_of(directory, output)
     if place is None:
         raise TypeError("directory: missing; where the results go")
+    refuse_unknown_mode(mode)
     given = options(
         output=str(place),
         mode=mode,

@@ -11,13 +11,13 @@ import sys
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from phasewarp.case import Case, plain
-from phasewarp.commands import CaseLike, Mode, as_case, run
+from phasewarp.commands import CaseLike, Mode, as_case, refuse_unknown_mode, run
 from phasewarp.program import CaseError, PhasewarpError, PhasewarpWarning, StrPath, call
 from phasewarp.result import Result, entry
 
@@ -117,12 +117,12 @@ def sweep(
     """
     points = combinations(vary)
     refuse_unknown(columns)
-    if mode not in (None, *get_args(Mode)):
-        raise ValueError(f"mode = {mode!r}: one of {get_args(Mode)} expected")
+    refuse_unknown_mode(mode)
     case = as_case(case)
     cases = [case.replace(point) for point in points]
     refuse_all_wrong(cases, program)
     rows = []
+    summaries = []
     for number, (point, one) in enumerate(zip(points, cases, strict=True), start=1):
         place = Path(directory) / run_name(one, point, mode)
         before = written(place)
@@ -131,6 +131,7 @@ def sweep(
         if isinstance(found, PhasewarpError):
             row["error"] = said = str(found)
         else:
+            summaries.append(found.summary)
             row.update({name: entry(found.summary, name) for name in columns})
             row["warnings"] = "; ".join(found.summary["warnings"]) or None
             kept = before is not None and written(place) == before
@@ -139,6 +140,7 @@ def sweep(
         if progress:
             shown = " ".join(f"{key}={value}" for key, value in point.items())
             print(f"[{number}/{len(points)}] {shown}: {said}", file=sys.stderr, flush=True)
+    warn_of_absent(columns, summaries)
     table = pd.DataFrame(rows)
     by_default = columns if columns is COLUMNS else ()
     optional = [name for name in (*by_default, "warnings", "error") if name not in vary]
@@ -169,6 +171,21 @@ def refuse_unknown(columns: Sequence[str]) -> None:
             near = difflib.get_close_matches(first, ENTRIES, 1)
             hint = f' (did you mean "{near[0]}"?)' if near else ""
             raise ValueError(f"columns: summary.json has no entry {name}{hint}")
+
+
+def warn_of_absent(columns: Sequence[str], summaries: Sequence[dict[str, Any]]) -> None:
+    """Warn of nested columns that no summary has, though each has what they are part of."""
+    for name in columns:
+        whole, _, part = name.rpartition(".")
+        tables = [entry(summary, whole) for summary in summaries] if whole else []
+        if not tables or not all(isinstance(table, dict) for table in tables):
+            continue
+        known = sorted({key for table in tables for key in table})
+        if part not in known and name not in COLUMNS:
+            near = difflib.get_close_matches(part, known, 1)
+            hint = f'did you mean "{near[0]}"?' if near else "it has " + ", ".join(known)
+            message = f"columns: {whole} has no entry {part} in any run ({hint})"
+            warnings.warn(message, PhasewarpWarning, stacklevel=3)
 
 
 def refuse_all_wrong(cases: Iterable[Case], program: StrPath | None) -> None:

@@ -26,9 +26,9 @@ const MOST_PATHS: usize = 1 << 18;
 type Path = [u64; 4];
 
 /// Paths that were followed, with position and velocity at their end, or `None` if they leave the
-/// box.
-#[derive(Clone, Debug, Default)]
-pub(super) struct AxisPaths(RefCell<HashMap<Path, Option<[f64; 2]>>>);
+/// box. Without a map none is stored: random particles share no paths.
+#[derive(Clone, Debug)]
+pub(super) struct AxisPaths(Option<RefCell<HashMap<Path, Option<[f64; 2]>>>>);
 
 /// The end of a particle's path.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -311,6 +311,16 @@ impl AxisLine {
 }
 
 impl AxisPaths {
+    /// For particles that share paths.
+    pub(super) fn shared() -> Self {
+        Self(Some(RefCell::default()))
+    }
+
+    /// For random particles.
+    pub(super) fn not_shared() -> Self {
+        Self(None)
+    }
+
     /// The end of the path from `point` after `time` along the first `axes` axes. Unknown paths are
     /// followed by `follow(axis, [x, v])`, which returns `[x, v]` at the end, or `None` if the
     /// particle leaves the box.
@@ -325,14 +335,16 @@ impl AxisPaths {
         for a in 0..axes {
             let (x, v) = (point[a], point[3 + a]);
             let path = [a as u64, x.to_bits(), v.to_bits(), time.to_bits()];
-            let known = self.0.borrow().get(&path).copied();
+            let known = self.0.as_ref().and_then(|paths| paths.borrow().get(&path).copied());
             let found = known.unwrap_or_else(|| {
                 let found = follow(a, [x, v]);
-                let mut paths = self.0.borrow_mut();
-                if paths.len() == MOST_PATHS {
-                    paths.clear();
+                if let Some(paths) = &self.0 {
+                    let mut paths = paths.borrow_mut();
+                    if paths.len() == MOST_PATHS {
+                        paths.clear();
+                    }
+                    paths.insert(path, found);
                 }
-                paths.insert(path, found);
                 found
             });
             let Some([x, v]) = found else { return EndByAxes::Leaves };

@@ -8,7 +8,9 @@ use crate::problem::exact::by_axes::moves_by_axes;
 use crate::problem::exact::cells::{TracedPotential, slopes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
 use crate::problem::potential::resolution::{POINTS, largest_mismatches};
-use crate::problem::potential::{ElementShape, Potential, region, region_edges, space_point};
+use crate::problem::potential::{
+    ElementShape, region, region_edges, shape_in_elements, space_point,
+};
 use std::iter::StepBy;
 use std::ops::RangeInclusive;
 
@@ -128,7 +130,7 @@ pub(super) struct TracedGrid {
 struct VariationInElements {
     /// Its shape.
     shape: ElementShape,
-    /// The axes along which `V` differs between the nodes from what the nodes show.
+    /// The axes along which `V` between the nodes differs from its interpolant.
     missed: [bool; MAX_DIMENSION],
 }
 
@@ -139,7 +141,7 @@ impl VariationInElements {
     /// That of the case's `V`.
     ///
     /// # Errors
-    /// As [`Potential::whole`].
+    /// As [`shape_in_elements`].
     fn of(case: &Case) -> Result<Self> {
         let mut fine = case.clone();
         for axis in &mut fine.space.x {
@@ -147,7 +149,7 @@ impl VariationInElements {
                 *axis = axis.by_elements().with_nodes(Nodes::of_space(CURVATURE_DEGREE));
             }
         }
-        let shape = Potential::whole(&fine)?.shape(&fine.space);
+        let shape = shape_in_elements(&fine)?;
         let mut missed = [false; MAX_DIMENSION];
         largest_mismatches(&fine).iter().for_each(|found| missed[found.axis] = true);
         // A formula may vary where no node sees it.
@@ -294,7 +296,8 @@ impl LeastParts {
                 _ => enough,
             };
             if by_points[a] {
-                POINTS * (2 * (least / (2 * POINTS)) + 1)
+                let most = (least / POINTS).max(1);
+                POINTS * (most - usize::from(most.is_multiple_of(2)))
             } else if by_points.contains(&true) {
                 least.min(most_parts(left, n - count))
             } else {

@@ -1,9 +1,10 @@
 //! Edges of the pieces of `V` compared with the grid: edges off the faces, and narrow regions.
 
 use crate::base::bisect::bisect;
-use crate::problem::case::Case;
+use crate::base::random::evenly_spread;
+use crate::problem::case::{Case, Region};
 use crate::problem::grid::{Axis, MAX_DIMENSION, box_cells, for_each_cell};
-use crate::problem::potential::pieces::{is_one_piece, piece, region, space_point};
+use crate::problem::potential::pieces::{PotentialPiece, is_one_piece, piece, region, space_point};
 
 /// Width, in elements, of a region of `V` that lies between others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,53 +100,128 @@ pub struct UnresolvedRegions {
 const HALVINGS: usize = 60;
 /// Least number of points along each axis between which edges are searched, by dimension.
 const SCANNED: [usize; 3] = [4096, 256, 48];
+/// In two and three dimensions this number of lines along each axis, spread over the box, is
+/// searched as finely as the axis in one: for narrow regions between parallel planes.
+const FINE_LINES: usize = 16;
 /// Largest number of edges along an axis, by dimension. In one there are no curved edges.
 const MOST_EDGES: [usize; 3] = [2048, 64, 64];
 
-/// The positions along each space axis at which the piece of `V` changes: the region, or the value
-/// of a table that is constant around its points. `None` for an axis with more than 64 of them
-/// (2048 in one dimension), as of a curved edge. Pieces narrower than the distance of the `SCANNED`
-/// points may be missed.
-pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
-    let mut found: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); case.space.dimension()];
-    if is_one_piece(&case.potential) {
-        return found;
+/// The edges of the pieces of a potential that are found so far.
+struct FoundEdges<'c> {
+    potential: &'c [Region],
+    /// By axis; `None` for an axis with more than `most`.
+    by_axis: Vec<Option<Vec<f64>>>,
+    /// Largest number along an axis.
+    most: usize,
+}
+
+impl FoundEdges<'_> {
+    /// The piece at `point`. Where a condition is undefined, there is no piece.
+    fn piece(&self, point: &[f64; 6]) -> Option<PotentialPiece> {
+        piece(self.potential, point).ok()
     }
-    let dimension = case.space.dimension();
-    let (scanned, most) = (SCANNED[dimension - 1], MOST_EDGES[dimension - 1]);
-    let finer = |axis: &Axis| {
-        let elements = axis.elements();
-        Axis::new(axis.lower, axis.upper, elements * scanned.div_ceil(elements).max(1))
-    };
-    let axes: Vec<Axis> = case.space.x.iter().map(finer).collect();
-    let axes = &axes;
-    let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
-    // Where a condition is undefined, there is no piece.
-    let at = |point: &[f64; 6]| piece(&case.potential, point).ok();
-    for_each_cell(&ranges, |i| {
-        let centre = space_point(axes, i);
-        let own = at(&centre);
-        for (a, axis) in axes.iter().enumerate() {
-            let mut point = centre;
-            point[a] = axis.centre(i[a] as i64 + 1);
-            if i[a] + 1 == axis.cells || found[a].is_none() || at(&point) == own {
-                continue;
+
+    /// Searches for an edge from `point`, which belongs to the piece `own`, along axis `a` to the
+    /// position `end`. Edges nearer than `tolerance` are one. Returns the piece at `end`.
+    fn search(
+        &mut self,
+        point: [f64; 6],
+        own: Option<PotentialPiece>,
+        a: usize,
+        end: f64,
+        tolerance: f64,
+    ) -> Option<PotentialPiece> {
+        let at = |x: f64| {
+            let mut moved = point;
+            moved[a] = x;
+            self.piece(&moved)
+        };
+        let other = at(end);
+        if other == own {
+            return other;
+        }
+        let [inside, _] = bisect(point[a], end, HALVINGS, |x| at(x) == own);
+        if let Some(edges) = &mut self.by_axis[a]
+            && !edges.iter().any(|e| (e - inside).abs() < tolerance)
+        {
+            edges.push(inside);
+            if edges.len() > self.most {
+                self.by_axis[a] = None;
             }
-            let [inside, _] = bisect(centre[a], point[a], HALVINGS, |x| {
-                point[a] = x;
-                at(&point) == own
-            });
-            if let Some(edges) = &mut found[a]
-                && !(edges.iter()).any(|e: &f64| (e - inside).abs() < 1e-6 * axis.width())
-            {
-                edges.push(inside);
-                if edges.len() > most {
-                    found[a] = None;
+        }
+        other
+    }
+
+    /// Searches between the centres of the cells of `axes`.
+    fn search_cells(&mut self, axes: &[Axis]) {
+        let ranges: Vec<_> = axes.iter().map(|a| 0..a.cells).collect();
+        for_each_cell(&ranges, |i| {
+            let centre = space_point(axes, i);
+            let own = self.piece(&centre);
+            for (a, axis) in axes.iter().enumerate() {
+                if i[a] + 1 < axis.cells && self.by_axis[a].is_some() {
+                    let end = axis.centre(i[a] as i64 + 1);
+                    self.search(centre, own, a, end, 1e-6 * axis.width());
+                }
+            }
+        });
+    }
+
+    /// Searches [`FINE_LINES`] lines along each of `axes`, between the centres of as many cells as
+    /// an axis has in one dimension.
+    fn search_lines(&mut self, axes: &[Axis]) {
+        for (a, along) in axes.iter().enumerate() {
+            let fine = finer(along, SCANNED[0]);
+            for line in 0..FINE_LINES {
+                let mut point = [0.0; 6];
+                for (b, axis) in axes.iter().enumerate() {
+                    // Each axis takes other numbers of the sequence.
+                    let at = evenly_spread((1 + line) * [1, 5, 7][b]);
+                    point[b] = axis.lower + at * (axis.upper - axis.lower);
+                }
+                point[a] = fine.centre(0);
+                let mut own = self.piece(&point);
+                for i in 1..fine.cells {
+                    if self.by_axis[a].is_none() {
+                        break;
+                    }
+                    let end = fine.centre(i as i64);
+                    own = self.search(point, own, a, end, 1e-6 * along.width());
+                    point[a] = end;
                 }
             }
         }
-    });
-    found
+    }
+}
+
+/// The axis with its elements cut into equal cells, at least `least` of them.
+fn finer(axis: &Axis, least: usize) -> Axis {
+    let elements = axis.elements();
+    Axis::new(axis.lower, axis.upper, elements * least.div_ceil(elements).max(1))
+}
+
+/// The positions along each space axis at which the piece of `V` changes: the region, or the value
+/// of a table that is constant around its points. `None` for an axis with more than 64 of them
+/// (2048 in one dimension), as of a curved edge. Pieces narrower than 1/4096 of an axis may be
+/// missed; in two and three dimensions so may those narrower than the distance of the `SCANNED`
+/// points that none of the `FINE_LINES` crosses.
+pub fn region_edges(case: &Case) -> Vec<Option<Vec<f64>>> {
+    let dimension = case.space.dimension();
+    let mut found = FoundEdges {
+        potential: &case.potential,
+        by_axis: vec![Some(Vec::new()); dimension],
+        most: MOST_EDGES[dimension - 1],
+    };
+    if is_one_piece(&case.potential) {
+        return found.by_axis;
+    }
+    let scanned: Vec<Axis> =
+        case.space.x.iter().map(|axis| finer(axis, SCANNED[dimension - 1])).collect();
+    found.search_cells(&scanned);
+    if dimension > 1 {
+        found.search_lines(&scanned);
+    }
+    found.by_axis
 }
 
 /// Searches lines through cell centres for edges of regions and of tables, and finds regions that
@@ -223,6 +299,30 @@ mod tests {
         assert_eq!(found.len(), edges.len());
         for (found, edge) in found.iter().zip(&edges) {
             assert!((found - edge).abs() < 1e-12, "{found} {edge}");
+        }
+    }
+
+    /// Slabs and beams a thousandth of an axis wide are found in all dimensions.
+    #[test]
+    fn narrow_regions_are_found_in_all_dimensions() {
+        for (dimension, condition, axis, edges) in [
+            (2, "abs(y - 0.3117) < 0.0007", 1, [0.3110, 0.3124]),
+            (2, "abs(x + 0.4203) < 0.0005 && y > 0.5", 0, [-0.4208, -0.4198]),
+            (3, "abs(z - 0.1) < 0.001 && x < 0 && y < 0", 2, [0.099, 0.101]),
+        ] {
+            let box_axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 9 }\n\
+                            v = { lower = -1, upper = 1, cells = 4 }\n";
+            let text = format!(
+                "{}[[potential]]\nwhere = \"{condition}\"\nvalue = \"1\"\n\
+                 [[potential]]\nvalue = \"0\"\n[initial]\nf = \"1\"\n[time]\nend = 1.0\n",
+                box_axis.repeat(dimension)
+            );
+            let case = Case::parse("narrow", &text, &[]).expect("a case");
+            let found = region_edges(&case)[axis].clone().expect("edges");
+            for edge in edges {
+                let off = found.iter().map(|e| (e - edge).abs()).fold(f64::INFINITY, f64::min);
+                assert!(off < 1e-12, "{condition}: {edge} is not in {found:?}");
+            }
         }
     }
 

@@ -55,7 +55,11 @@ impl Ledger {
             short(self.mass.initial?),
             short(self.mass.formula?),
             percent(missed.abs()),
-            if missed * self.sign() > 0.0 { "too much" } else { "is missing" },
+            if missed * self.sign() > 0.0 {
+                "too much, if random points for the formula do not miss narrow data"
+            } else {
+                "is missing"
+            },
             self.degree_keys,
             self.after_degree()
         ))

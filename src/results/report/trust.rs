@@ -193,7 +193,11 @@ fn grid(judgement: &Judgement) -> Finding {
     let how = if accuracy.grid_measured { "measured" } else { "estimated" };
     let mut text = format!("relative L2, {how}");
     let goal_missed = missed.and_then(|missed| missed.accuracy.as_deref());
-    let mark = mark_of_grid(&mut text, accuracy, goal_missed, judgement.continued.as_ref());
+    let mut mark = mark_of_grid(&mut text, accuracy, goal_missed, judgement.continued.as_ref());
+    if let Some(doubt) = &accuracy.unknown {
+        text += &format!("; {doubt}");
+        mark = if mark == Mark::Good { Mark::Unknown } else { mark };
+    }
     if mark == Mark::Good && accuracy.under_resolved {
         text += "; UNDER-RESOLVED, as the error of the algorithm is far smaller";
     }

@@ -356,7 +356,8 @@ fn sort_along_curve(particles: &mut [Particle]) {
         let at = coordinates(particle);
         let step = |a: &usize| {
             let part = (at[*a] - lower[*a]) / (upper[*a] - lower[*a]);
-            (part * most as f64) as u64
+            // In so many bits `most` itself is rounded up.
+            ((part * most as f64) as u64).min(most)
         };
         let steps: Vec<u64> = axes.iter().map(step).collect();
         let in_turn = (0..bits).rev().flat_map(|bit| steps.iter().map(move |k| k >> bit & 1));

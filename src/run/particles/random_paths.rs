@@ -110,13 +110,16 @@ impl Samples<'_> {
             });
             let ends = tracer.values_at(&feet);
             let errors: Vec<f64> = ends.iter().map(|end| found[k] - end).collect();
-            let mut term = [0.0; 2 * REPLICATES];
-            term[k / many] = mean_of_pairs(&errors);
-            term[REPLICATES + k / many] = mean_of_pairs(&ends);
-            term
+            [mean_of_pairs(&errors), mean_of_pairs(&ends)]
         };
-        let terms: Vec<[f64; 2 * REPLICATES]> = mine.map(term).collect();
-        let sums = world.sum_lanes(points.len(), terms.iter().copied());
+        let terms: Vec<[f64; 2]> = mine.clone().map(term).collect();
+        // Two sums for each replicate; a sample belongs to one.
+        let lanes = mine.zip(&terms).map(|(k, [error, size])| {
+            let mut lanes = [0.0; 2 * REPLICATES];
+            (lanes[k / many], lanes[REPLICATES + k / many]) = (*error, *size);
+            lanes
+        });
+        let sums = world.sum_lanes(points.len(), lanes);
         let (errors, sizes) = sums.split_at(REPLICATES);
         ShownError::of(errors, sizes)
     }

@@ -12,6 +12,11 @@ pub trait ProfileShape {
     /// `g(p)`.
     fn value(&self, p: f64) -> f64;
 
+    /// `g` for many points: what does not depend on them is computed once.
+    fn values(&self) -> Box<dyn Fn(f64) -> f64 + '_> {
+        Box::new(|p| self.value(p))
+    }
+
     /// A point below which `|g| ≤ bound`.
     fn left(&self, bound: f64) -> f64;
 

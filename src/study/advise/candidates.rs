@@ -1,10 +1,11 @@
 //! Set-ups on the grids that were found, classical and by modes: plans, tolerances, trials, errors.
 
 use crate::base::error::Result;
-use crate::base::text::{bytes_text, rounded_down};
+use crate::base::text::{bytes_text, rounded_down, short};
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
+use crate::problem::potential::resolution::{PotentialMismatch, persistent_mismatch};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::grid_search::{DISCRETISATION, GridSearch, SearchGoal, error_on};
@@ -50,11 +51,11 @@ impl Study<'_> {
     /// The report of the set-up `target` on the grid `reached`, without its cost.
     fn entry(&mut self, target: &Case, reached: &ReachedGrid) -> SetupReport {
         let scheme = reached.scheme;
-        let vanished = vanished_region(target);
-        let is_open = vanished.is_none() && reached.is_open();
+        let invisible = vanished_region(target).or_else(|| hidden_variation(target, reached));
+        let is_open = invisible.is_none() && reached.is_open();
         let wanted_budget = self.wanted.get(&scheme).copied().filter(|_| is_open);
         let without_order = wanted_budget.filter(|_| reached.order.pairs.is_empty());
-        let refused = vanished
+        let refused = invisible
             .or_else(|| without_order.map(|budget| not_compared(reached, budget)))
             .or_else(|| self.why_missed(reached, wanted_budget));
         let settings = settings(self.case, self.trials.base(), target);
@@ -195,8 +196,10 @@ impl Study<'_> {
         let mut tolerance = if guaranteed { allowed / spread } else { 0.1 * allowed };
         let mut measured = None;
         let mut target = scheme.schrodingerized(&self.trials.degree_case(scheme).base, coarse);
+        let valid =
+            |tolerance: f64| rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
+        tolerance = valid(tolerance);
         for _ in 0..MOST_TOLERANCES {
-            tolerance = rounded_down(tolerance.clamp(SMALLEST_TOLERANCE, LARGEST_TOLERANCE));
             target.tolerance = tolerance;
             let plan = self.plan_of(&target)?;
             let updates = mode_updates(&target, &plan);
@@ -207,7 +210,9 @@ impl Study<'_> {
             if added <= allowed || tolerance <= SMALLEST_TOLERANCE {
                 break;
             }
-            tolerance *= 0.1;
+            tolerance = valid(0.1 * tolerance);
+            // A smaller tolerance that is not tried has its bound only.
+            measured = measured.filter(|_| !guaranteed);
         }
         let bound = guaranteed.then_some(tolerance * spread);
         Ok(ToleranceTrial { tolerance, measured, bound })
@@ -232,8 +237,9 @@ impl Study<'_> {
             Some(_) => found.tolerance,
             None => {
                 // The delta function gets narrower with the cells.
-                let last = coarse.len() - 1;
-                let narrower = (coarse[last] as f64 / reached.shape[last] as f64).min(1.0);
+                let velocities = self.case.space.dimension()..coarse.len();
+                let ratios = velocities.map(|k| coarse[k] as f64 / reached.shape[k] as f64);
+                let narrower = ratios.fold(1.0, f64::min);
                 rounded_down((found.tolerance * narrower).max(SMALLEST_TOLERANCE))
             }
         };
@@ -398,4 +404,22 @@ fn vanished_region(target: &Case) -> Option<String> {
     let region = unresolved_regions(target).empty.into_iter().next()?;
     let grid = shape_text(&target.space.elements());
     Some(format!("potential.{region} vanishes on {grid}: its where holds at no cell's centre"))
+}
+
+/// The reason why `target` is refused, if its grid does not resolve `V` and errors are not
+/// measured: runs on finer grids do not show what that does.
+fn hidden_variation(target: &Case, reached: &ReachedGrid) -> Option<String> {
+    if reached.known == Evidence::Measured {
+        return None;
+    }
+    let PotentialMismatch { region, written, taken, .. } = persistent_mismatch(target)?;
+    Some(format!(
+        "{}: {} does not resolve V, which is {} at a point and {} as the scheme \
+         takes it there, and trials on finer grids do not show the error of that; jumps need a \
+         region of their own with where, narrow features more cells, or [exact] measures errors",
+        target.potential_key(region),
+        shape_text(&target.space.elements()),
+        short(written),
+        short(taken)
+    ))
 }

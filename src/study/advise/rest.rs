@@ -12,10 +12,8 @@ use crate::study::advise::grid_search::{SearchStart, next_grid};
 use crate::study::advise::reached_grid::ReachedGrid;
 use crate::study::budget::Budget;
 
-/// The part of the counted budget that may be spent on these schemes, beyond the whole of it.
-const REST: f64 = 1.0;
-/// Part of the counted budget, within [`REST`], for their next grids; what is left is for grids
-/// that follow from these, and for runs by modes.
+/// Part of what is counted once more, for their next grids; what is left is for grids that follow
+/// from these, and for runs by modes.
 const FOR_NEXT_GRIDS: f64 = 0.7;
 /// Part of the time within which the rest may be begun.
 const LATEST: f64 = 0.6;
@@ -88,7 +86,7 @@ impl Study<'_> {
             }
         }
         for (k, &of) in tried.iter().enumerate() {
-            let share = REST * (k + 1) as f64 / tried.len() as f64;
+            let share = (k + 1) as f64 / tried.len() as f64;
             let (scheme, start) = (found[of].scheme, found[of].first().to_vec());
             // A failed search does not replace the grid.
             let start = SearchStart { shape: &start, balance: false };
@@ -97,7 +95,7 @@ impl Study<'_> {
             }
         }
         self.price_next_grids(found, spent);
-        self.share = REST;
+        self.share = 1.0;
         for of in tried {
             let scheme = found[of].scheme;
             let mut names = vec![self.name(Method::Classical, scheme)];
