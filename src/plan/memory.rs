@@ -12,6 +12,7 @@ use crate::problem::case::{
 };
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::potential::Potential;
 use crate::problem::table::Table;
 use crate::propagate::descriptor;
 use crate::propagate::evolution::MatrixShare;
@@ -498,21 +499,21 @@ impl<'a> FullestRank<'a> {
         list
     }
 
-    /// Memory of the estimate of the grid's error: vectors for one axis after the other, or the
-    /// coefficients of elements.
+    /// Memory of the estimate of the grid's error: vectors for one axis after the other and `V`, or
+    /// the coefficients of elements.
     fn estimate(&self) -> Option<NamedBytes> {
         let space = &self.case.space;
         let is_coarse = |axis: &Axis| axis.nodes.degree == 0 && axis.cells > 1;
-        let of_a_cell = match &self.case.data {
+        let bytes = match &self.case.data {
             Data::Measure { .. } => return None,
             // Four vectors, one more beside elements, and two bytes of flags.
             Data::Density if space.axes().any(is_coarse) => {
                 let vectors = if space.whole_degree() > 0 { 5 } else { 4 };
-                vectors * 8 + 2
+                (vectors * 8 + 2) * self.cells + Potential::CELL_BYTES * self.points
             }
-            Data::Density => 2 * 8,
+            Data::Density => 2 * 8 * self.cells,
         };
-        Some(NamedBytes::new("estimate of the grid's error", of_a_cell * self.cells))
+        Some(NamedBytes::new("estimate of the grid's error", bytes))
     }
 
     /// The results on the user's grid, if the computed one is another.

@@ -85,6 +85,9 @@ pub struct LargestJump {
 }
 
 impl Potential {
+    /// Memory of a space cell in bytes, without partial reflection.
+    pub const CELL_BYTES: u64 = 2 * 8 * MAX_DIMENSION as u64;
+
     /// Evaluates `case`'s potential on the space cells of `ranges`.
     ///
     /// # Errors
@@ -321,4 +324,36 @@ pub fn shape_in_elements(case: &Case) -> Result<ElementShape> {
         shape = shape.max(potential?.shape(space, &tolerance));
     }
     Ok(shape)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::element::Nodes;
+
+    /// In a grid of which some elements are examined, and in one of which all are.
+    #[test]
+    fn shapes_are_seen_in_small_and_large_grids() {
+        for cells in [6, 20_000] {
+            for (value, expected) in [
+                ("0.3", ElementShape::Linear),
+                ("0.3 - 0.1*x", ElementShape::Linear),
+                ("x^2 + x", ElementShape::Quadratic),
+                ("x^3", ElementShape::General),
+            ] {
+                let text = format!(
+                    "[[axis]]\nx = {{ lower = 0, upper = 1, cells = {cells} }}\n\
+                     v = {{ lower = -1, upper = 1, cells = 2 }}\n[[potential]]\n\
+                     where = \"x > 0.5\"\nvalue = \"0.1\"\n[[potential]]\n\
+                     value = \"{value}\"\n[initial]\nf = \"1\"\n[time]\nend = 1.0\n"
+                );
+                let mut case = Case::parse("shape", &text, &[]).expect("a case");
+                for axis in &mut case.space.x {
+                    *axis = axis.by_elements().with_nodes(Nodes::of_space(3));
+                }
+                let found = shape_in_elements(&case).expect("a finite V");
+                assert_eq!(found, expected, "{value} on {cells}");
+            }
+        }
+    }
 }

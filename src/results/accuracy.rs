@@ -265,7 +265,7 @@ pub fn hides_staircase(case: &Case) -> bool {
 }
 
 /// What an estimate of the grid's error does not see, if `V` varies between the points of the grid.
-pub const HIDDEN_VARIATION: &str = "the grid does not resolve V (see the warning), which an \
+pub const HIDDEN_VARIATION: &str = "V varies within cells, or jumps within a formula, which an \
                                     estimate does not see";
 
 /// A larger relative error of the grid is large, whatever the algorithm's error.
@@ -351,7 +351,8 @@ impl Accuracy {
     /// A large error of `f` that particles show beyond their scatter, if it is more than twice the
     /// measured one. The measured one is the mean of the others where both see the same.
     pub fn unmeasured_error(&self) -> Option<f64> {
-        let measured = self.grid.filter(|_| self.grid_measured)?;
+        let is_met = self.goal_error.zip(self.goal).is_some_and(|(error, goal)| error <= goal);
+        let measured = self.grid.filter(|_| self.grid_measured && !is_met)?;
         self.particles.field.filter(|shown| is_large(*shown) && *shown > 2.0 * measured)
     }
 
@@ -389,7 +390,7 @@ impl Accuracy {
         let how = if self.grid_measured { "measured" } else { "estimated" };
         let of_algorithm = of_algorithm.map_or(String::new(), |text| format!("; {text}"));
         let doubt = self.unknown.as_ref().map_or(String::new(), |why| format!("; {why}"));
-        Some(format!("{head}: {what} ({how}, relative L2) {errors}{of_algorithm}{advice}{doubt}"))
+        Some(format!("{head}: {what} ({how}, relative L2) {errors}{of_algorithm}{doubt}{advice}"))
     }
 
     /// The name of the errors of the grid: the measured ones may be mostly the algorithm's.

@@ -3,7 +3,7 @@
 
 use crate::base::text::{rounded_down, short};
 use crate::problem::case::{Case, Data, Integrator, Method};
-use crate::problem::potential::resolution::persistent_mismatch;
+use crate::problem::potential::resolution::unresolved_on_finer_grids;
 use crate::results::accuracy::{
     Accuracy, EstimatedErrors, GridErrorPair, HIDDEN_VARIATION, PARTS_OF_SPACE, STAIRCASE,
     hides_staircase, is_large,
@@ -81,13 +81,15 @@ impl Summary {
     /// Sets what would help, and what is not known.
     fn set_advice(&mut self, case: &Case) {
         let accuracy = &mut self.accuracy;
-        if let Some(shown) = accuracy.unmeasured_error() {
+        // Cells of degree 0 are compared at their centres, by definition.
+        let is_integral = case.space.lowest_degree() > 0;
+        if let Some(shown) = accuracy.unmeasured_error().filter(|_| is_integral) {
             let shown = short(rounded_down(100.0 * shown));
             accuracy.unknown = Some(format!(
                 "particles show an error of f of at least {shown} %, of which [exact] measures the \
                  smaller part: f varies between its points"
             ));
-        } else if accuracy.is_estimated_only() && persistent_mismatch(case).is_some() {
+        } else if accuracy.is_estimated_only() && unresolved_on_finer_grids(case).is_some() {
             accuracy.unknown = Some(HIDDEN_VARIATION.to_owned());
         }
         let of_density = accuracy.error_against_goal();
@@ -218,6 +220,7 @@ mod tests {
         assert_eq!(judged(5e-3, None), (None, false));
         assert_eq!(judged(0.2, Some(5e-3)), (None, false));
     }
+
     /// An estimate does not see a barrier that the grid misses, so that the verdict is unknown.
     /// Particles follow `V`, and an exact solution does.
     #[test]
@@ -238,12 +241,35 @@ mod tests {
                 Summary { accuracy, error_l2_relative: measured, ..Summary::default() };
             summary.judge(case, EstimatedErrors { grid, ..EstimatedErrors::default() });
             let line = summary.accuracy.line().expect("errors");
-            assert_eq!(summary.accuracy.unknown.is_some(), line.contains("does not resolve V"));
+            assert_eq!(summary.accuracy.unknown.is_some(), line.contains("V varies within cells"));
             summary.verdict
         };
         assert_eq!(judged(&case, None, None), Some(Verdict::Unknown));
         assert_eq!(judged(&case, Some(1e-3), None), Some(Verdict::Resolved));
         assert_eq!(judged(&case, None, Some(1e-3)), Some(Verdict::Resolved));
         assert_eq!(judged(&smooth, None, None), Some(Verdict::Resolved));
+    }
+    /// Between the points of the quadrature on elements an exact solution may vary: particles show
+    /// it. With degree 0 values at centres are compared.
+    #[test]
+    fn particles_doubt_a_measured_error() {
+        let text = "[[axis]]\nx = { lower = 0, upper = 1, cells = 8 }\n\
+                    v = { lower = -1, upper = 1, cells = 8 }\n[[potential]]\nvalue = \"0\"\n\
+                    [initial]\nf = \"1\"\n[time]\nend = 1\n[solver]\nmethod = \"classical\"\n";
+        let judged = |degree: usize, goal_error: Option<f64>, shown: f64| {
+            let text = format!("{text}accuracy = 0.1\n[scheme]\ndegree = {degree}\n");
+            let case = Case::parse("test", &text, &[]).expect("a case");
+            let particles = ParticleErrors { field: Some(shown), ..ParticleErrors::default() };
+            let accuracy = Accuracy { particles, goal_error, ..Accuracy::default() };
+            let measured = Some(0.09);
+            let mut summary =
+                Summary { accuracy, error_l2_relative: measured, ..Summary::default() };
+            summary.judge(&case, EstimatedErrors::default());
+            summary.verdict
+        };
+        assert_eq!(judged(2, None, 0.46), Some(Verdict::Unknown));
+        assert_eq!(judged(2, None, 0.17), Some(Verdict::Resolved));
+        assert_eq!(judged(2, Some(0.05), 0.46), Some(Verdict::Resolved));
+        assert_eq!(judged(0, None, 0.46), Some(Verdict::Resolved));
     }
 }

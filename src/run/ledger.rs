@@ -10,7 +10,7 @@
 
 use crate::base::error::Result;
 use crate::base::quadrature::gauss_legendre;
-use crate::base::random::evenly_spread;
+use crate::base::random::evenly_spread_index;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
@@ -43,7 +43,7 @@ const MOST_NODES: usize = 1 << 19;
 /// uniform ones a gap is wider in one of 3000 cases.
 const GAPS: f64 = 8.0;
 /// With fewer samples the data may be anywhere in the box.
-const FEW_SAMPLES: usize = 32;
+const FEW_SAMPLES: usize = 8;
 /// Number of points that are evaluated together.
 const POINTS_AT_ONCE: usize = 1 << 10;
 /// Data below this part of the largest value count as zero.
@@ -365,9 +365,7 @@ impl DataSupport {
             }
         }
         let (cells, is_sampled) = (space.cells(), space.cells() > MOST_NODES);
-        let cell = |k: usize| {
-            if is_sampled { (evenly_spread(k) * cells as f64) as usize } else { k }
-        };
+        let cell = |k: usize| if is_sampled { evenly_spread_index(k, cells) } else { k };
         let nodes = (world.rank()..cells.min(MOST_NODES)).step_by(world.size());
         let nodes = || nodes.clone().map(|k| space.point(&space.cell(cell(k))));
         let all = || inside.iter().copied().chain(nodes());

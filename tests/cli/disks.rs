@@ -139,7 +139,7 @@ fn whole(kind: usize) -> Result<&'static BTreeMap<String, Stored>> {
     WHOLES[kind].get_or_init(run).as_ref().map_err(String::clone)
 }
 
-/// Moments of events with the part of the name of a file or directory that begins them.
+/// Moments of events: each begins when a file or directory appears whose name contains the text.
 const MOMENTS: [(&str, &str); 5] = [
     ("any time", ""),
     ("checkpoint", "checkpoint"),

@@ -43,8 +43,8 @@ struct Loss<'a> {
 /// with numbers of cells of which the sampled nodes are multiples.
 #[test]
 fn a_box_of_data_in_a_large_grid_is_found() {
-    let rows = [[128, 8, 20], [127, 9, 26], [64, 16, 26], [128, 10, 3]];
-    check_all(&rows, |&[first, second, half]| {
+    let rows = [(128, 8, 20, 0.005), (127, 9, 26, 0.005), (64, 16, 26, 0.005), (128, 10, 3, 0.2)];
+    check_all(&rows, |&(first, second, half, allowed)| {
         let place = directory();
         let axis = |cells: usize| {
             format!(
@@ -52,7 +52,7 @@ fn a_box_of_data_in_a_large_grid_is_found() {
                  v = {{ lower = -1, upper = 1, cells = {cells} }}\n"
             )
         };
-        let half = f64::from(half as u32) / 100.0;
+        let half = f64::from(half) / 100.0;
         let text = format!(
             "{}{}[[potential]]\nvalue = \"0\"\n[initial]\nf = \"1 if abs(x) < 0.1 && abs(y) < 0.1 \
              && abs(vx) < 0.1 && abs(vy) < {half} else 0\"\n[time]\nend = 0.01\n[solver]\n\
@@ -66,7 +66,7 @@ fn a_box_of_data_in_a_large_grid_is_found() {
         let uncertain = number(&summary, "mass", "formula_error")?;
         let exact = 0.2f64.powi(3) * 2.0 * half;
         summary.holds(near("mass", mass, exact, 5.0 * uncertain))?;
-        summary.holds(at_most("standard error", uncertain, 0.5 * exact))
+        summary.holds(at_most("standard error", uncertain, allowed * exact))
     });
 }
 

@@ -197,7 +197,7 @@ impl FoundEdges<'_> {
 /// The axis with its elements cut into equal cells, at least `least` of them.
 fn finer(axis: &Axis, least: usize) -> Axis {
     let elements = axis.elements();
-    Axis::new(axis.lower, axis.upper, elements * least.div_ceil(elements).max(1))
+    Axis::new(axis.lower, axis.upper, elements * least.div_ceil(elements))
 }
 
 /// The positions along each space axis at which the piece of `V` changes: the region, or the value

@@ -1,6 +1,6 @@
 //! The pieces of `V`: the region, or the value of a stepped table, that holds at a point.
 
-use crate::base::random::evenly_spread;
+use crate::base::random::evenly_spread_index;
 use crate::problem::case::Region;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace};
@@ -79,7 +79,7 @@ pub(super) fn spread(
 ) -> impl Iterator<Item = [usize; MAX_DIMENSION]> + '_ {
     let all: usize = axes.iter().map(|axis| axis.cells).product();
     let index = move |k: usize| {
-        if all <= most { k } else { (evenly_spread(k) * all as f64) as usize }
+        if all <= most { k } else { evenly_spread_index(k, all) }
     };
     (0..all.min(most)).map(index).map(move |mut index| {
         let mut element = [0; MAX_DIMENSION];

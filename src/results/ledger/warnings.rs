@@ -56,7 +56,7 @@ impl Ledger {
             short(self.mass.formula?),
             percent(missed.abs()),
             if missed * self.sign() > 0.0 {
-                "too much, if random points for the formula do not miss narrow data"
+                "too much (or the formula's random points miss narrow data)"
             } else {
                 "is missing"
             },

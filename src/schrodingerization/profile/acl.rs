@@ -89,7 +89,7 @@ const CUT_STEP: f64 = 0.125;
 const PERIOD: f64 = 2.0 * DIGITS + 2.0;
 /// Distance of its points.
 const NEAR_STEP: f64 = 2.0 * PI / PERIOD;
-/// Largest number of terms that are kept: 2 MiB. From `β = 0.48` down there are more.
+/// Largest number of terms that are kept: 2 MiB. From `β = 0.47` down there are more.
 const MOST_STORED: i64 = 1 << 16;
 
 impl NearTerm {

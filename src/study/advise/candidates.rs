@@ -5,7 +5,7 @@ use crate::base::text::{bytes_text, rounded_down, short};
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
 use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
-use crate::problem::potential::resolution::{PotentialMismatch, persistent_mismatch};
+use crate::problem::potential::resolution::{PotentialMismatch, unresolved_on_finer_grids};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
 use crate::study::advise::grid_search::{DISCRETISATION, GridSearch, SearchGoal, error_on};
@@ -51,11 +51,12 @@ impl Study<'_> {
     /// The report of the set-up `target` on the grid `reached`, without its cost.
     fn entry(&mut self, target: &Case, reached: &ReachedGrid) -> SetupReport {
         let scheme = reached.scheme;
-        let invisible = vanished_region(target).or_else(|| hidden_variation(target, reached));
-        let is_open = invisible.is_none() && reached.is_open();
+        let unseen_potential =
+            vanished_region(target).or_else(|| hidden_variation(target, reached));
+        let is_open = unseen_potential.is_none() && reached.is_open();
         let wanted_budget = self.wanted.get(&scheme).copied().filter(|_| is_open);
         let without_order = wanted_budget.filter(|_| reached.order.pairs.is_empty());
-        let refused = invisible
+        let refused = unseen_potential
             .or_else(|| without_order.map(|budget| not_compared(reached, budget)))
             .or_else(|| self.why_missed(reached, wanted_budget));
         let settings = settings(self.case, self.trials.base(), target);
@@ -211,8 +212,8 @@ impl Study<'_> {
                 break;
             }
             tolerance = valid(0.1 * tolerance);
-            // A smaller tolerance that is not tried has its bound only.
-            measured = measured.filter(|_| !guaranteed);
+            // The error is proportional to the tolerance, if a bound is.
+            measured = measured.map(|added| if guaranteed { 0.1 * added } else { added });
         }
         let bound = guaranteed.then_some(tolerance * spread);
         Ok(ToleranceTrial { tolerance, measured, bound })
@@ -409,14 +410,14 @@ fn vanished_region(target: &Case) -> Option<String> {
 /// The reason why `target` is refused, if its grid does not resolve `V` and errors are not
 /// measured: runs on finer grids do not show what that does.
 fn hidden_variation(target: &Case, reached: &ReachedGrid) -> Option<String> {
-    if reached.known == Evidence::Measured {
+    if target.exact.is_some() || reached.known == Evidence::Measured {
         return None;
     }
-    let PotentialMismatch { region, written, taken, .. } = persistent_mismatch(target)?;
+    let PotentialMismatch { region, written, taken, .. } = unresolved_on_finer_grids(target)?;
     Some(format!(
-        "{}: {} does not resolve V, which is {} at a point and {} as the scheme \
-         takes it there, and trials on finer grids do not show the error of that; jumps need a \
-         region of their own with where, narrow features more cells, or [exact] measures errors",
+        "{}: {} does not resolve V: at a point it is {} as written, and {} as the scheme takes it. \
+         Trials on finer grids do not show what that does. Jumps need a region of their own with \
+         where, narrow features more cells, or [exact] measures errors",
         target.potential_key(region),
         shape_text(&target.space.elements()),
         short(written),
