@@ -51,8 +51,9 @@ impl Study<'_> {
     /// The report of the set-up `target` on the grid `reached`, without its cost.
     fn entry(&mut self, target: &Case, reached: &ReachedGrid) -> SetupReport {
         let scheme = reached.scheme;
-        let unseen_potential =
-            vanished_region(target).or_else(|| hidden_variation(target, reached));
+        let is_measured = self.trials.has_exact();
+        let hidden = || (!is_measured).then(|| hidden_variation(target)).flatten();
+        let unseen_potential = vanished_region(target).or_else(hidden);
         let is_open = unseen_potential.is_none() && reached.is_open();
         let wanted_budget = self.wanted.get(&scheme).copied().filter(|_| is_open);
         let without_order = wanted_budget.filter(|_| reached.order.pairs.is_empty());
@@ -407,12 +408,9 @@ fn vanished_region(target: &Case) -> Option<String> {
     Some(format!("potential.{region} vanishes on {grid}: its where holds at no cell's centre"))
 }
 
-/// The reason why `target` is refused, if its grid does not resolve `V` and errors are not
-/// measured: runs on finer grids do not show what that does.
-fn hidden_variation(target: &Case, reached: &ReachedGrid) -> Option<String> {
-    if target.exact.is_some() || reached.known == Evidence::Measured {
-        return None;
-    }
+/// The reason why `target` is refused where errors are not measured, if its grid does not resolve
+/// `V`: runs on finer grids do not show what that does.
+fn hidden_variation(target: &Case) -> Option<String> {
     let PotentialMismatch { region, written, taken, .. } = unresolved_on_finer_grids(target)?;
     Some(format!(
         "{}: {} does not resolve V: at a point it is {} as written, and {} as the scheme takes it. \
