@@ -128,9 +128,9 @@ pub fn lines_about_errors(world: &World, directory: &Path, strict: bool) -> Resu
     })
 }
 
-/// Solves a case in memory, without console output, files or checkpoints. No particles are followed,
-/// and the estimates of the grid's error do not contain what the ledger knows. Collective over all
-/// ranks.
+/// Solves a case in memory, without console output, files or checkpoints. No particles are
+/// followed, and the estimates of the grid's error do not contain what the ledger knows. Collective
+/// over all ranks.
 ///
 /// # Errors
 /// The first error of any rank, the same on all.
