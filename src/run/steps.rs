@@ -454,7 +454,9 @@ impl<'a> Driver<'a> {
     fn plan_modes(&mut self, mut prepared: Prepared, resources: &Resources) -> Result<Prepared> {
         if prepared.plan.warp.is_some() {
             let applications = prepared.bounds.rate * prepared.case.duration();
-            if applications * prepared.case.space.cells() as f64 > LONG_PROBE {
+            // With inflow in time the norm at the end is known already.
+            let is_measured = prepared.system.schedule.is_none();
+            if is_measured && applications * prepared.case.space.cells() as f64 > LONG_PROBE {
                 self.log.line(&format!(
                     "the norm at the end is measured first, by about {applications:.0} \
                      applications of A"

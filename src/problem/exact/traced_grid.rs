@@ -9,7 +9,7 @@ use crate::problem::exact::cells::{TracedPotential, slopes};
 use crate::problem::grid::{Axis, MAX_DIMENSION, PhaseSpace, box_cells, for_each_cell};
 use crate::problem::potential::resolution::{POINTS, largest_mismatches};
 use crate::problem::potential::{
-    ElementShape, region, region_edges, shape_in_elements, space_point,
+    ElementShape, Potential, region, region_edges, shape_in_elements, space_point,
 };
 use std::iter::StepBy;
 use std::ops::RangeInclusive;
@@ -105,7 +105,7 @@ const ENOUGH_CELLS: usize = 512;
 const FINE_CELLS: usize = 128;
 
 /// Memory of a space cell of a tracer: jumps, slopes and layers of free cells.
-const CELL_BYTES: u64 = 52;
+const CELL_BYTES: u64 = Potential::CELL_BYTES + 4;
 /// Memory of the curvatures in a space cell.
 const CURVATURE_BYTES: u64 = 24;
 /// Memory of the number of a cell's formula.
