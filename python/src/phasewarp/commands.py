@@ -153,6 +153,13 @@ def plan(
         As for :func:`run`.
     program
         As for :func:`phasewarp.find_program`.
+
+    Raises
+    ------
+    CaseError
+        If the case or an option is wrong.
+    ValueError
+        For an unknown `mode`.
     """
     several = isinstance(ranks, Iterable)
     if isinstance(ranks, str):
