@@ -86,7 +86,8 @@ pub struct Plan {
     /// Steps (or terms of the exponential) of the classical method; 0 by modes with an inflow that
     /// depends on time.
     pub classical_steps: usize,
-    /// Ranks and memory.
+    /// Ranks and memory; not a part of the plan as results store it.
+    #[serde(skip)]
     pub layout: Layout,
 }
 

@@ -33,7 +33,7 @@ pub mod solution;
 mod solved;
 mod steps;
 mod summarise;
-mod unresolved;
+pub mod unresolved;
 mod vanishing;
 pub mod warnings;
 

@@ -11,7 +11,7 @@ use crate::command::values::RankNumbers;
 use crate::parallel::communicator::World;
 use crate::plan::advice::{Advice, MachineNode};
 use crate::plan::here::{announce_slow_steps, memory_per_rank};
-use crate::plan::layout::Resources;
+use crate::plan::layout::{Layout, Resources};
 use crate::plan::{Plan, refuse_long_transport};
 use crate::problem::case::Case;
 use crate::run::planning::{self, RunPlans};
@@ -25,6 +25,7 @@ use serde::Serialize;
 struct PlanJson<'a> {
     #[serde(flatten)]
     plan: &'a Plan,
+    layout: &'a Layout,
     advice: &'a Advice,
     /// Warnings about the case; those of its modes are in the plan.
     warnings: &'a [String],
@@ -91,7 +92,11 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<J
     let calibration = calibration.as_ref();
     if args.json {
         let warnings = &warnings(case);
-        print_json(world, &PlanJson { plan: &plan, advice: &advice, warnings, calibration });
+        let layout = &plan.layout;
+        print_json(
+            world,
+            &PlanJson { plan: &plan, layout, advice: &advice, warnings, calibration },
+        );
     } else {
         print(world, &plan.to_string());
         print(world, &(errors(case) + &readout(case)));

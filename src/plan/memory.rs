@@ -83,6 +83,17 @@ pub const BUFFERS: u64 = 16 << 20;
 /// Bytes of a mode that a rank stores, in addition to its rows: its number and its progress.
 pub const RANK_MODE_BYTES: u64 = 48;
 
+/// Bytes of a mode in the tables that every rank has: its coefficient, tolerance, work and batch,
+/// and copies of them.
+const TABLES_OF_A_MODE: u64 = 112;
+
+/// Bytes of a mode in the plan as text while the results are written, and before that in the series
+/// by which the window of a measurement is found.
+const TEXT_OF_A_MODE: u64 = 170;
+
+/// Fewer modes are not listed.
+const MANY_MODES: usize = 4096;
+
 /// Bytes of `modes` modes that a rank stores, of `rows` rows each.
 pub fn rank_modes_bytes(rows: u64, modes: u64) -> u64 {
     modes * (rows * size_of::<Complex64>() as u64 + RANK_MODE_BYTES)
@@ -181,7 +192,7 @@ pub(crate) fn arrays(work: PlannedWork<'_>, mesh: &ProcessMesh, most: usize) -> 
     };
     let results = rank.results(warp);
     let mut expanding: Vec<NamedBytes> = results.iter().cloned().chain(rank.expanded()).collect();
-    let writing = [rank.writing(), expanding.clone()].concat();
+    let writing = [rank.writing(warp), expanding.clone()].concat();
     // Their errors are integrals, for which the exact solution is traced once more.
     let has_integrals = case.space.whole_degree() > 0 && case.traces_exact();
     expanding.push(if has_integrals { rank.traced() } else { rank.traced_at_end() });
@@ -189,7 +200,8 @@ pub(crate) fn arrays(work: PlannedWork<'_>, mesh: &ProcessMesh, most: usize) -> 
     let bytes = |list: &Vec<NamedBytes>| -> u64 { list.iter().map(|a| a.bytes).sum() };
     let lists = [expanding, estimating, solving, vec![rank.traced()]];
     let largest = lists.into_iter().max_by_key(bytes).unwrap_or_default();
-    let running = [rank.system(), largest].concat();
+    let mut running = [rank.system(), largest].concat();
+    running.extend(warp.and_then(tables_of_modes));
 
     [rank.assembling(), running, writing].into_iter().max_by_key(bytes).unwrap_or_default()
 }
@@ -363,13 +375,17 @@ impl<'a> FullestRank<'a> {
 
     /// Arrays that exist in addition to the results while they are written, when the system is
     /// gone.
-    fn writing(&self) -> Vec<NamedBytes> {
+    fn writing(&self, warp: Option<&WarpPlan>) -> Vec<NamedBytes> {
         let copies = 1 + u64::from(self.mesh.ranks() > 1);
         let mut list = vec![
             self.program(),
             NamedBytes::new("values being written", 8 * copies * self.share()),
             NamedBytes::new("chunks being written", chunk_bytes(self.case, self.mesh)),
         ];
+        if let Some(tables) = warp.and_then(tables_of_modes) {
+            let modes = warp.map_or(0, |warp| warp.modes as u64);
+            list.extend([tables, NamedBytes::new("plan as text", TEXT_OF_A_MODE * modes)]);
+        }
         list.extend(self.exact());
         list.extend(self.given());
         list
@@ -612,6 +628,13 @@ impl<'a> FullestRank<'a> {
     fn moments_of_a_point(&self) -> u64 {
         2 + 2 * self.case.space.dimension() as u64
     }
+}
+
+/// The tables of the modes that every rank has, if they are many.
+fn tables_of_modes(warp: &WarpPlan) -> Option<NamedBytes> {
+    let each = TABLES_OF_A_MODE + 8 * (warp.different_legs() as u64).saturating_sub(1);
+    let bytes = each * warp.modes as u64;
+    (warp.modes > MANY_MODES).then(|| NamedBytes::new("tables of the modes", bytes))
 }
 
 /// Rows with inflow of a block of `cells` cells, at most.

@@ -149,6 +149,19 @@ impl<'a> Tracer<'a> {
         self.values(std::slice::from_ref(point), time)[0]
     }
 
+    /// About the number of cells that a path passes in a time, at half of the largest speed of the
+    /// box, where `V` is approximated in them. Elsewhere it counts as one: many cells are passed at
+    /// once there, or there are few.
+    pub fn steps_of_a_path(&self, time: f64) -> f64 {
+        if !self.is_approximate {
+            return 1.0;
+        }
+        let space = &self.flow.space;
+        let axes = space.x.iter().zip(&space.v).filter(|(x, _)| x.cells > 1);
+        let steps = axes.map(|(x, v)| time * 0.5 * v.largest_magnitude() / x.width());
+        steps.sum::<f64>().max(1.0)
+    }
+
     /// The exact `f(time, x, v)` at many points, as [`value`](Self::value) gives it at one.
     pub fn values(&self, points: &[[f64; 6]], time: f64) -> Vec<f64> {
         let field = &self.case.fields[0];

@@ -134,6 +134,23 @@ impl Table {
         }
     }
 
+    /// The least and the largest value on the box `ranges` of coordinates, or bounds of them, as
+    /// points beside the box count.
+    pub fn range(&self, ranges: &[[f64; 2]]) -> [f64; 2] {
+        self.range_of_rows(&self.axes, 0, ranges)
+    }
+
+    /// The range over the rows that begin with the place `row`, which `axes` continue.
+    fn range_of_rows(&self, axes: &[TableAxis], row: usize, ranges: &[[f64; 2]]) -> [f64; 2] {
+        let Some((axis, inner)) = axes.split_first() else { return [self.values[row]; 2] };
+        let (points, [lower, upper]) = (&axis.points, ranges[axis.position]);
+        let first = points.partition_point(|p| *p <= lower).saturating_sub(1);
+        let last = points.partition_point(|p| *p < upper).min(points.len() - 1);
+        let rows = (first..=last).map(|k| row * points.len() + k);
+        rows.map(|row| self.range_of_rows(inner, row, ranges))
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |a, b| [a[0].min(b[0]), a[1].max(b[1])])
+    }
+
     fn nearest(&self, coordinates: &[f64]) -> f64 {
         let mut place = 0;
         for axis in &self.axes {
@@ -286,6 +303,28 @@ mod tests {
         assert_eq!(at(9.0, -9.0, 4.5), f(0.5, 0.0, 4.0));
         assert!(at(f64::NAN, 0.0, 0.0).is_nan());
         assert!(table.depends_on(3) && !table.depends_on(1));
+    }
+
+    /// Bounds hold on any box, also beyond the table, and are those of the points beside the box.
+    #[test]
+    fn values_are_within_the_range() {
+        let axes = vec![axis("x", 0, &[-1.0, 0.0, 0.5, 2.0]), axis("v", 3, &[0.0, 1.0, 3.0])];
+        let values: Vec<f64> = (0..12).map(|k| f64::from(k * 7 % 12)).collect();
+        let linear = Table::new(axes, values).unwrap();
+        for table in [linear.clone(), linear.with_interpolation(Interpolation::Constant)] {
+            for (x, v) in
+                [([-3.0, -2.0], [0.2, 0.3]), ([-0.5, 0.7], [0.5, 5.0]), ([0.5; 2], [1.0; 2])]
+            {
+                let none = [f64::NAN; 2];
+                let [least, most] = table.range(&[x, none, none, v]);
+                for (i, j) in (0..=20).flat_map(|i| (0..=20).map(move |j| (i, j))) {
+                    let at = |[a, b]: [f64; 2], k: i32| a + (b - a) * f64::from(k) / 20.0;
+                    let found = table.eval(&[at(x, i), 0.0, 0.0, at(v, j)]);
+                    assert!(least <= found && found <= most, "{x:?} {v:?}: {found}");
+                }
+            }
+            assert_eq!(table.range(&[[-9.0, -1.5], [0.0; 2], [0.0; 2], [-2.0, -1.0]]), [0.0; 2]);
+        }
     }
 
     #[test]

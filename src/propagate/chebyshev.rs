@@ -44,12 +44,13 @@ use crate::propagate::method::{
 use num_complex::Complex64;
 use std::time::Instant;
 
+/// The largest `τ` for which the series itself is computed; beyond it, it is bounded.
+pub const LONGEST_SUMMED: f64 = 1e4;
+
 /// The least degree `K` with `2 Σ_{k>K} |J_k(τ)| ≤ tail`; for long series at most some units more,
 /// from `J_k(k sech α) ≤ exp(−k(α − tanh α))/√(2πk tanh α)` (DLMF 10.14.5) and a geometric series.
 pub fn degree(scratch: &mut Vec<f64>, tau: f64, tail: f64) -> usize {
-    /// Up to here the series itself is computed.
-    const SHORT: f64 = 1e4;
-    if tau <= SHORT {
+    if tau <= LONGEST_SUMMED {
         bessel_series(scratch, tau, tail);
         return scratch.len() - 1;
     }

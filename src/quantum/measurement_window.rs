@@ -15,6 +15,9 @@ use std::f64::consts::PI;
 /// The error in a window, in units of the tolerance that the profile is planned for at `p◇`.
 pub const WINDOW: f64 = 10.0;
 
+/// Largest number of samples of a transform: 8 MiB.
+const LONGEST_TRANSFORM: usize = 1 << 20;
+
 /// The difference of a series from `e^{−p}`. It is sampled upwards from the lower end of the domain
 /// of dependence of a reading, as far as a window may reach.
 pub struct Deviation {
@@ -36,7 +39,17 @@ impl Deviation {
 
     /// The deviation of `series` for a window that begins at `point`; `growth` and `decay` are
     /// `Λ⁺` and `Λ⁻`.
-    pub fn new(series: &Series, point: f64, [growth, decay]: [f64; 2]) -> Self {
+    pub fn new(series: &Series, point: f64, reach: [f64; 2]) -> Self {
+        Self::by_transforms(LONGEST_TRANSFORM, series, point, reach)
+    }
+
+    /// The same by transforms of at most `longest` samples: of each so many-th one.
+    fn by_transforms(
+        longest: usize,
+        series: &Series,
+        point: f64,
+        [growth, decay]: [f64; 2],
+    ) -> Self {
         /// About this many samples lie in the shortest wave.
         const SAMPLES: usize = 8;
         let (lower, samples) = (point - growth, (SAMPLES * series.modes()).next_power_of_two());
@@ -44,10 +57,17 @@ impl Deviation {
         let reach = ((growth + Self::LONGEST + decay) / step).ceil() as usize + 2;
         let count = samples.min(reach);
         let decayed = Exponentials::new(lower, step, count);
-        let sizes = WORKSPACE.with_borrow_mut(|workspace| {
-            let pairs = workspace.pairs(series, lower, samples / 2);
-            let values = pairs.iter().flat_map(|pair| [pair.re, pair.im]);
-            values.take(count).enumerate().map(|(k, value)| (value - decayed.at(k)).abs()).collect()
+        let stride = (samples / longest).max(1);
+        let mut sizes = vec![0.0; count];
+        WORKSPACE.with_borrow_mut(|workspace| {
+            for first in 0..stride {
+                let lower = lower + first as f64 * step;
+                let pairs = workspace.pairs(series, lower, samples / stride / 2);
+                let values = pairs.iter().flat_map(|pair| [pair.re, pair.im]);
+                for (k, value) in (first..count).step_by(stride).zip(values) {
+                    sizes[k] = (value - decayed.at(k)).abs();
+                }
+            }
         });
         Self { point, decay, lower, step, sizes }
     }
@@ -115,8 +135,7 @@ impl Workspace {
     /// The values of a series at `2 · pairs` points, from `lower` on over its period. The real
     /// parts are the values of even number, the imaginary parts those of odd number. With `a_l` the
     /// series at `lower` and `w` the first root of unity, the spectrum of these pairs is
-    /// `½a_l(1 + iw^l)` at `l` and `½ā_l(1 + iw^{−l})` at `−l`. No two modes share a place where
-    /// there are fewer than `pairs/2`.
+    /// `½a_l(1 + iw^l)` at `l` and `½ā_l(1 + iw^{−l})` at `−l`, modulo the number of pairs.
     fn pairs(&mut self, series: &Series, lower: f64, pairs: usize) -> &[Complex64] {
         let Self { planner, values, scratch } = self;
         values.clear();
@@ -124,8 +143,8 @@ impl Workspace {
         for l in 0..series.modes() {
             let half = 0.5 * series.factor(l) * Complex64::cis(series.wavenumber(l) * lower);
             let turned = Complex64::I * Complex64::cis(PI * l as f64 / pairs as f64);
-            values[l] += half * (1.0 + turned);
-            values[(pairs - l) % pairs] += (half * (1.0 - turned)).conj();
+            values[l % pairs] += half * (1.0 + turned);
+            values[(pairs - l % pairs) % pairs] += (half * (1.0 - turned)).conj();
         }
         let fft = planner.plan_fft_inverse(pairs);
         scratch.resize(fft.get_inplace_scratch_len(), Complex64::ZERO);
@@ -196,9 +215,10 @@ mod tests {
     #[test]
     fn deviations_are_those_of_the_values() {
         let transform = |mu: f64| Complex64::new(1.0, 0.3 * mu) / (1.0 + mu * mu);
-        for modes in [1, 2, 7, 33] {
+        let rows = [(1, 1 << 20), (2, 1 << 20), (7, 1 << 20), (33, 1 << 20), (33, 64), (7, 16)];
+        for (modes, longest) in rows {
             let series = Series::analytic(20.0, modes, transform);
-            let deviation = Deviation::new(&series, 0.7, [0.4, 2.5]);
+            let deviation = Deviation::by_transforms(longest, &series, 0.7, [0.4, 2.5]);
             let largest = (0..deviation.sizes.len()).map(|k| {
                 let p = deviation.lower + k as f64 * deviation.step;
                 let expected = (series.value(p) - (-p).exp()).abs();

@@ -16,7 +16,8 @@
 //! a slice halves with every doubling of `N_p`). The enlarged state holds `√π f`. There the weights
 //! are undone in `ζ`: since `π ≥ 1`, this never costs more than undoing them in the state, which
 //! has a probability of its own ([`crate::quantum::probability`]). Without weights these are the
-//! paper's formulas.
+//! paper's formulas. On elements of a degree above 0 the weights are relative volumes, which the
+//! state of the field holds, too: `|F⟩ = √π f/C_f` and `q/√π` takes the place of `q` in `χ`.
 //!
 //! Each overlap is measured as in [`measurement`], with counts drawn from their exact
 //! distributions. What is drawn depends on the seed, the cell, the observable and the estimator
@@ -37,7 +38,8 @@
 //! amplitude estimation of `P` of its own; that of a unitary flow takes nothing.
 //!
 //! A measurement of the x-register alone does not give the density: it finds the cell `i` with
-//! probability `Σ_j f_ij²/C_f²` (the paper's last remark there), reported as `basis_probability`.
+//! probability `Σ_j f_ij²/C_f²` (the paper's last remark there; with volumes `Σ_j π_ij f_ij²/C_f²`),
+//! reported as `basis_probability`.
 
 pub mod files;
 pub mod measurement;
@@ -73,7 +75,7 @@ pub struct Readout {
     pub amplification_rounds: LabelledNumber,
     /// `ε_F`.
     pub state_error: LabelledNumber,
-    /// Probability, for each cell, that a measurement of the x-register finds it: `Σ_j f_ij²/C_f²`.
+    /// Probability, for each cell, that a measurement of the x-register finds it.
     pub basis_probability: Vec<LabelledNumber>,
     /// The rows, cell by cell.
     pub rows: Vec<ReadoutRow>,

@@ -43,7 +43,7 @@
 //! here.
 
 use crate::base::table::ColumnValues;
-use crate::propagate::chebyshev::degree;
+use crate::propagate::chebyshev::{LONGEST_SUMMED, degree};
 use crate::quantum::labelled_number::LabelledNumber;
 use serde::Serialize;
 use std::f64::consts::SQRT_2;
@@ -79,15 +79,13 @@ impl WalkCost {
     /// The cost for `τ`, within `tolerance` relative to the norm of the state. Each number has the
     /// weaker label of the two.
     pub fn new(tau: &LabelledNumber, tolerance: &LabelledNumber) -> Self {
-        /// The largest `τ` for which the series is summed. Beyond it the series is bounded (see
-        /// [`degree`]).
-        const SUMMED: f64 = 1e4;
         let both = tau.times(tolerance);
         let (Some(tau), Some(tolerance)) = (tau.value(), tolerance.value()) else {
             return Self { degree: both.clone(), steps: both.clone(), bits: both };
         };
         let order = degree(&mut Vec::new(), tau, 0.5 * SERIES_PART * tolerance) as f64;
-        let label = if tau <= SUMMED { LabelledNumber::exact } else { LabelledNumber::bound };
+        let label =
+            if tau <= LONGEST_SUMMED { LabelledNumber::exact } else { LabelledNumber::bound };
         let degree = both.with(1.0).times(&label(order));
         let bits = value_bits(tau, ROUNDING_PART * tolerance);
         Self { steps: degree.with(2.0 * order), bits: both.with(f64::from(bits)), degree }

@@ -37,7 +37,7 @@ use crate::quantum::readout::files::{ReadoutColumn, numbers as readout_numbers};
 use crate::results::dataset::{FileAttributes, PlateauPoint, RESULT, Results};
 use crate::results::fields::{self, COMPONENT, DIRECTION, DatasetLayout, POINT};
 use crate::results::views::{self, GridsAtTime};
-use crate::results::writer::{Writer, attribute, text};
+use crate::results::writer::{StoredText, Writer, attribute, text};
 use crate::results::{averages, grids, history, readback};
 use std::path::Path;
 
@@ -85,8 +85,8 @@ pub fn put_in_place<T>(
 
 /// Writes the whole file. Collective over `world`.
 fn write_all(world: &Group, path: &Path, results: &Results<'_>) -> Result<Vec<GridsAtTime>> {
-    let plan = plan_text(results.plan);
-    let most = most_bytes(results.case) + plan.len() as u64;
+    let plan = plan_text(world, results.plan);
+    let most = most_bytes(results.case) + plan.length as u64;
     let writer = Writer::create(world, path, most, &results.case.output.storage)?;
     writer.metadata(|| attributes(&writer, world.size(), &results.about(), &plan))?;
     writer.metadata(|| axes(&writer, results))?;
@@ -179,7 +179,7 @@ pub(crate) fn attributes(
     writer: &Writer<'_>,
     ranks: usize,
     about: &FileAttributes<'_>,
-    plan: &str,
+    plan: &StoredText,
 ) -> hdf5::Result<()> {
     let (file, case) = (writer.file(), about.case);
     for (name, value) in about.provenance {
@@ -191,7 +191,7 @@ pub(crate) fn attributes(
     attribute(file, "time", &about.time)?;
     let reductions = case.reductions.dropped.join("\n");
     attribute(file, "reductions", &text(&reductions))?;
-    let dataset = writer.text("case", &case.text)?;
+    let dataset = writer.text("case", &StoredText::of_all_ranks(case.text.clone()))?;
     attribute(&dataset, "overrides", &text(&case.overrides.join("\n")))?;
     let dataset = writer.text("plan", plan)?;
     let layout = serde_json::to_string(&about.plan.layout).unwrap_or_default();
@@ -290,11 +290,7 @@ fn multivalued(writer: &Writer<'_>, curve: &MultivaluedVelocity) -> Result<()> {
     Ok(())
 }
 
-/// The part of the plan that does not depend on ranks, as JSON.
-pub(crate) fn plan_text(plan: &Plan) -> String {
-    let mut value = serde_json::to_value(plan).unwrap_or_default();
-    if let Some(object) = value.as_object_mut() {
-        object.remove("layout");
-    }
-    serde_json::to_string_pretty(&value).unwrap_or_default()
+/// The part of the plan that does not depend on ranks, as JSON. Collective over `world`.
+pub(crate) fn plan_text(world: &Group, plan: &Plan) -> StoredText {
+    StoredText::of_first_rank(world, || serde_json::to_string(plan).unwrap_or_default())
 }

@@ -137,9 +137,9 @@ fn write_all(
 ) -> Result<()> {
     spread.fits(kept, &transform);
     let world = &spread.communicator.world;
-    let plan = plan_text(about.plan);
+    let plan = plan_text(world, about.plan);
     let points = transform.points();
-    let most = bytes(about.case, points) + plan.len() as u64;
+    let most = bytes(about.case, points) + plan.length as u64;
     // No chunks: HDF5 lets one rank write a whole chunk, but ranks have parts of each.
     let storage = Storage { compression: 0, chunks: None, xdmf: false };
     let writer = Writer::create(world, path, most, &storage)?;

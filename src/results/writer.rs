@@ -36,6 +36,32 @@ struct DimensionScale {
     chunk: Option<usize>,
 }
 
+/// A text as a dataset stores it. Rank 0 has its bytes, every rank knows the rest.
+pub struct StoredText {
+    bytes: Vec<u8>,
+    /// Number of bytes.
+    pub length: usize,
+    checksum: u64,
+}
+
+impl StoredText {
+    /// A text that all ranks know.
+    pub fn of_all_ranks(text: String) -> Self {
+        // An empty text is stored as one zero byte.
+        let bytes = if text.is_empty() { vec![0] } else { text.into_bytes() };
+        Self { length: bytes.len(), checksum: checksum::of_text(&bytes), bytes }
+    }
+
+    /// A long text that rank 0 makes and keeps. Collective over `world`.
+    pub fn of_first_rank(world: &Group, text: impl FnOnce() -> String) -> Self {
+        let own = world.is_first().then(|| Self::of_all_ranks(text()));
+        let of_first = |of: fn(&Self) -> u64| world.sum_modulo(own.as_ref().map_or(0, of));
+        let (length, checksum) = (of_first(|own| own.length as u64), of_first(|own| own.checksum));
+        let bytes = own.map_or(Vec::new(), |own| own.bytes);
+        Self { bytes, length: length as usize, checksum }
+    }
+}
+
 /// The file while it is written.
 pub struct Writer<'a> {
     world: &'a Group,
@@ -123,17 +149,14 @@ impl<'a> Writer<'a> {
 
     /// Writes a scalar text dataset of fixed length, as parallel HDF5 does not write texts of
     /// variable length.
-    pub fn text(&self, name: &str, value: &str) -> hdf5::Result<Dataset> {
-        let bytes = value.as_bytes();
+    pub fn text(&self, name: &str, value: &StoredText) -> hdf5::Result<Dataset> {
         let dataset = self
             .file
             .new_dataset_builder()
-            .empty_as(hdf5::types::TypeDescriptor::FixedUnicode(bytes.len().max(1)))
+            .empty_as(hdf5::types::TypeDescriptor::FixedUnicode(value.length))
             .create(name)?;
-        // An empty text is stored as one zero byte.
-        let stored = if bytes.is_empty() { &[0] } else { bytes };
-        attribute(&dataset, CHECKSUM, &checksum::of_text(stored))?;
-        self.by_first_rank(|| write_bytes(&dataset, stored));
+        attribute(&dataset, CHECKSUM, &value.checksum)?;
+        self.by_first_rank(|| write_bytes(&dataset, &value.bytes));
         Ok(dataset)
     }
 

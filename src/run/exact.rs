@@ -77,7 +77,8 @@ impl ExactTask<'_> {
         let times = times(case);
         let mut watch = ExactWatch::new(prints, times.len(), ExactWork::of(case, rank_cells));
         let by_sheet = case.is_measure_valued() && matches!(exact, Exact::Characteristics);
-        let values_of = if by_sheet { None } else { Some(ExactValues::new(world, case, exact)?) };
+        let values = || ExactValues::new(world, case, exact).map(|values| values.until(self.wall));
+        let values_of = if by_sheet { None } else { Some(values()?) };
         for time in times {
             let found = match &values_of {
                 Some(values_of) => self.at_time(time, values_of, &mut watch)?,
@@ -139,13 +140,10 @@ impl ExactTask<'_> {
         let space = &case.space;
         let values = match values_of {
             ExactValues::Given(f) => sample(world, space, &rank_cells.part(), f, time),
-            ExactValues::Traced(_) => {
+            ExactValues::Traced { .. } => {
                 let at_points = |points: &[[f64; 6]]| {
                     watch.progress.advance(points.len());
-                    match self.in_time() {
-                        Ok(()) => values_of.values_at(points, time),
-                        Err(_) => vec![0.0; points.len()],
-                    }
+                    values_of.values_at(points, time)
                 };
                 let values = sample_with(space, &rank_cells.part(), at_points);
                 if values.iter().all(|f| f.is_finite()) {
@@ -158,6 +156,7 @@ impl ExactTask<'_> {
         };
         let values = world.agree(values)?;
         let integrals = VelocityIntegrals::on_grid(world, values_of, case, time);
+        world.agree(self.in_time())?;
         let (moments, density_errors) = match integrals.grid_error() {
             Some(error) => {
                 let factors = VelocityFactors::new(space);

@@ -22,9 +22,8 @@ use crate::propagate::inflow_panels::{InflowPanels, MOST, NODES};
 use crate::results::ledger::{AxisJumps, BoxEnd, Energy, Ledger, NarrowRegion};
 use crate::run::norms::volumes_of;
 use crate::run::particles::arrivals::Arrivals;
-use crate::run::particles::draw::{
-    ParticleSampler, ParticleSource, REPLICATES, SampleBox, SampleSequence, resampled,
-};
+use crate::run::particles::draw::{ParticleSampler, ParticleSource, REPLICATES, resampled};
+use crate::run::particles::samples::{SampleBox, SampleSequence};
 use crate::run::particles::tracking::{NUMBERS, ParticleTally, ParticleTracker};
 use crate::scheme::interface::law_of;
 use crate::scheme::interface::rest_face::allows_elements;
@@ -229,7 +228,7 @@ fn estimate(world: &Group, case: &Case, tracer: &Tracer<'_>, ledger: &mut Ledger
         within = support.within;
     }
     let mut tracker = ParticleTracker::new(case, tracer);
-    let sampler = ParticleSampler::new(case, within, tracer);
+    let sampler = ParticleSampler::new(case, within, tracer).with_narrow_parts();
     let sources = SourceEstimates::follow(world, &sampler, &mut tracker, points);
     let mass = &mut ledger.mass;
     let initial = &sources.initial;

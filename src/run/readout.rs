@@ -40,6 +40,7 @@ pub(crate) fn readout(
         share: &rank_cells.share,
         field,
         pi: &prepared.system.weights.pi[rank_cells.mine.clone()],
+        holds_volumes: prepared.system.weights.are_volumes,
         least: summary.minimum,
         probabilities,
         norm_is_known: prepared.bounds.keeps_norm(),

@@ -1,13 +1,14 @@
 //! Warnings of parts of the case that the scheme does not resolve, and of settings without effect.
 
-use crate::base::text::{coordinate_text, counted, percent, short};
+use crate::base::text::{coordinate_text, count_text, counted, percent, short};
 use crate::problem::case::{Case, IdleInterval, Inflow, Region, TableOf};
 use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::formula::Expression;
-use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES};
+use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES, axis_names};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::ObliqueEdge;
 use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
+use crate::run::particles::narrow_parts::{UnresolvedPart, unresolved_part};
 use crate::scheme::interface::rest_face::{WITH_REST_ON_A_FACE, allows_elements};
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
@@ -19,12 +20,34 @@ pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas =
         largest_mismatches(case).into_iter().map(|found| between_points(case, &found));
     of_formulas
-        .chain(variation_in_cells(case))
+        .chain(narrow_data(case, 0.0).or_else(|| variation_in_cells(case)))
         .chain(idle_degree(case))
         .chain(idle_reflections(case))
         .chain(case.output.idle_intervals.iter().map(|idle| idle_interval(case, idle)))
         .chain(short_tables(case))
         .collect()
+}
+
+/// The warning of initial data in a part of the box that is narrower than cells, if more than
+/// `least` of them are there.
+pub(crate) fn narrow_data(case: &Case, least: f64) -> Option<String> {
+    let UnresolvedPart { place, axis, width, elements, share } =
+        unresolved_part(case).filter(|part| part.share > least)?;
+    let names = axis_names(case.space.dimension());
+    // Measure-valued data are a density in space.
+    let count = if case.is_measure_valued() { case.space.dimension() } else { names.len() };
+    let axes = case.space.axes().zip(&names).zip(place).take(count);
+    let at =
+        axes.map(|((along, name), at)| format!("{name} = {}", coordinate_text(at, along.width())));
+    Some(format!(
+        "initial data: the grid does not resolve {} of them, near {}, in a part that is {} wide \
+         along {}; take at least {} cells along it, or wider data: errors may not count this part",
+        percent(share),
+        at.collect::<Vec<_>>().join(", "),
+        short(width),
+        names[axis],
+        count_text(elements),
+    ))
 }
 
 /// The warning of initial data that vary so much within the cells of degree 0 that their values at

@@ -16,6 +16,8 @@ use crate::schrodingerization::profile::{EstimatorQuality, Profile, ProfileForm}
 use crate::schrodingerization::recovery::Reading;
 use num_complex::Complex64;
 use serde::Serialize;
+use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// The plan of a Schrödingerized run, independent of the ranks.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -49,9 +51,9 @@ pub struct WarpPlan {
     /// The legs of the run.
     #[serde(skip)]
     pub legs: Vec<Leg>,
-    /// The work by leg, then by mode.
+    /// The work by leg, then by mode. Legs of one length share it.
     #[serde(skip)]
-    pub leg_work: Vec<Vec<usize>>,
+    pub leg_work: Vec<Arc<[usize]>>,
     /// Allowed relative error of each mode: its share of a tenth of the state's tolerance; if the
     /// warped field is read from a file, the tolerance itself, so that the whole field is within
     /// the tolerance of its norm.
@@ -179,7 +181,7 @@ impl WarpPlan {
             plateau: Vec::new(),
             estimator_quality: EstimatorQuality::UNKNOWN,
             legs: vec![Leg::new(case.duration(), false)],
-            leg_work: vec![work.clone()],
+            leg_work: vec![work.as_slice().into()],
             mode_tolerances: vec![tolerance; modes.count],
             applications: case.fields.len() * work.iter().sum::<usize>(),
             solves: 0,
@@ -230,8 +232,8 @@ impl WarpPlan {
 
     /// A checksum: plans with the same bits have the same one.
     pub fn fingerprint(&self) -> u64 {
-        let lengths = self.leg_work.iter().map(Vec::len);
-        let counts = lengths.chain(self.leg_work.iter().flatten().copied());
+        let lengths = self.leg_work.iter().map(|work| work.len());
+        let counts = lengths.chain(self.works());
         let bits = self.series.coefficients.iter().flat_map(|c| [c.re.to_bits(), c.im.to_bits()]);
         checksum::run_checksum(0, counts.map(|count| count as u64).chain(bits))
     }
@@ -262,12 +264,22 @@ impl WarpPlan {
 
     /// Least work of a mode in a leg.
     pub fn least_work(&self) -> usize {
-        self.leg_work.iter().flatten().copied().min().unwrap_or(0)
+        self.works().min().unwrap_or(0)
     }
 
     /// Most work of a mode in a leg.
     pub fn largest_work(&self) -> usize {
-        self.leg_work.iter().flatten().copied().max().unwrap_or(0)
+        self.works().max().unwrap_or(0)
+    }
+
+    fn works(&self) -> impl Iterator<Item = usize> {
+        self.leg_work.iter().flat_map(|work| work.iter()).copied()
+    }
+
+    /// Number of legs of different lengths, each with its own table of [`work`](Self::leg_work).
+    pub fn different_legs(&self) -> usize {
+        let tables: BTreeSet<*const usize> = self.leg_work.iter().map(|w| w.as_ptr()).collect();
+        tables.len()
     }
 }
 
@@ -275,7 +287,7 @@ impl WarpPlan {
 struct PlannedLegs {
     legs: Vec<Leg>,
     /// `work[leg][l]`: the work of mode `l` in the leg.
-    work: Vec<Vec<usize>>,
+    work: Vec<Arc<[usize]>>,
 }
 
 impl PlannedLegs {
@@ -303,7 +315,7 @@ impl PlannedLegs {
 
     /// The work of all modes in all legs, with that of passing output times.
     fn cost(&self, space: &PhaseSpace) -> f64 {
-        let of_leg = |(leg, work): (&Leg, &Vec<usize>)| {
+        let of_leg = |(leg, work): (&Leg, &Arc<[usize]>)| {
             cost_of_passing(space, leg.passed.len()) * work.iter().sum::<usize>() as f64
         };
         self.legs.iter().zip(&self.work).map(of_leg).sum()
@@ -321,15 +333,18 @@ fn cost_of_passing(space: &PhaseSpace, times: usize) -> f64 {
     READING + ADDING * each * times as f64
 }
 
+/// The work of each mode in each leg. It is found once for legs of one length.
 fn leg_work(
     propagator: &Propagation,
     bounds: &Bounds,
     modes: &PropagatedModes<'_>,
     tolerances: &[f64],
     legs: &[Leg],
-) -> Vec<Vec<usize>> {
+) -> Vec<Arc<[usize]>> {
+    /// Legs between equidistant times differ by round-off.
+    const ROUND_OFF: f64 = 1e-9;
     let mut scratch = Vec::new();
-    let mut of_leg = |leg: &Leg| -> Vec<usize> {
+    let mut of_leg = |leg: &Leg| -> Arc<[usize]> {
         let of_mode = |l: usize| {
             let span =
                 PropagationSpan { time: leg.time, tolerance: tolerances[l] / legs.len() as f64 };
@@ -348,9 +363,21 @@ fn leg_work(
                 block.fill(most);
             }
         }
-        work
+        work.into()
     };
-    legs.iter().map(&mut of_leg).collect()
+    let mut found: Vec<Arc<[usize]>> = Vec::with_capacity(legs.len());
+    for (k, leg) in legs.iter().enumerate() {
+        let is_same = |other: &Leg| {
+            (other.time - leg.time).abs() <= ROUND_OFF * leg.time
+                && other.passed.is_empty() == leg.passed.is_empty()
+        };
+        let work = match legs[..k].iter().position(is_same) {
+            Some(other) => found[other].clone(),
+            None => of_leg(leg),
+        };
+        found.push(work);
+    }
+    found
 }
 
 /// The sum of `work` over the modes, all stages of a varying inflow included.

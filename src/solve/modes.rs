@@ -1,8 +1,8 @@
 //! The Schrödingerized run: modes are propagated batch by batch, added to the recovered field, and
 //! dropped.
 //!
-//! It needs memory for a few phase-space vectors and the sums of one field at a time, for any
-//! number of modes. Contributions of modes are added in fixed point (see
+//! It needs memory for a few phase-space vectors and the sums of one field at a time, and some
+//! hundred bytes for the plan of each mode. Contributions of modes are added in fixed point (see
 //! [`crate::base::fixed_point`]), so the result has the same bits for any mode groups, any batches
 //! of independent modes and any order.
 //!

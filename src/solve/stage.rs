@@ -13,6 +13,7 @@ use crate::solve::rank_modes::RankModes;
 use crate::solve::statistics::BatchStatistics;
 use crate::solve::sum::ModeSum;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// The tasks of a run on this rank.
 #[derive(Clone, Copy)]
@@ -37,7 +38,7 @@ impl Task<'_> {
     /// The error of the time steps of all legs in errors of those of the last leg: `Σ t Δt^q` over
     /// the legs, each with equal steps.
     pub fn whole_over_last(&self, order: i32) -> f64 {
-        let of_leg = |(leg, work): (&Leg, &Vec<usize>)| {
+        let of_leg = |(leg, work): (&Leg, &Arc<[usize]>)| {
             let steps = work.first().map_or(1, |steps| (*steps).max(1));
             leg.time * (leg.time / steps as f64).powi(order)
         };

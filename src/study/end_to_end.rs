@@ -218,7 +218,7 @@ fn exact_of(case: &Case) -> Result<Exact> {
 fn exact_values<'a>(case: &'a Case, exact: &'a Exact) -> Result<ExactValues<'a>> {
     match exact {
         Exact::Formula(formula) if case.reflects() => Ok(ExactValues::Given(formula)),
-        _ => Ok(ExactValues::Traced(Tracer::new(case)?.into())),
+        _ => Ok(ExactValues::traced(Tracer::new(case)?)),
     }
 }
 

@@ -446,6 +446,9 @@ fn advice_is_the_same_on_any_ranks() {
 fn unreachable_accuracies_are_refused() {
     /// A barrier within a formula, a quarter of a cell wide.
     const THIN: &str = "potential=[{value='0.3 if abs(x + 0.31) < 0.004 else 0'}]";
+    /// A beam with a fifth of the mass, far narrower than a cell.
+    const BEAM: &str = "initial.f=exp(-((x + 0.5)^2 + (v - 0.5)^2)/0.09) \
+                        + 2.5e5*exp(-((x + 0.37)^2 + (v - 0.77)^2)/9e-8)";
     let rows = [
         (vec!["--accuracy", "1e-9", "--budget", "20s"], &["out of reach", "cells"][..]),
         (vec!["--accuracy", "0"], &["above 0 and below 1"]),
@@ -457,6 +460,10 @@ fn unreachable_accuracies_are_refused() {
         (
             vec!["--accuracy", "1e-1", "--set", THIN, "--set", "exact={}"],
             &["potential.0.value: ", "does not resolve V", "need a region of their own"],
+        ),
+        (
+            vec!["--accuracy", "1e-1", "--set", BEAM],
+            &["does not resolve", "of them, near x = -0.37", "wide along"],
         ),
     ];
     check_all(&rows, |(arguments, wording)| {

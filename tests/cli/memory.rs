@@ -133,6 +133,22 @@ fn take_as_planned(rows: &[Row<'_>]) {
     });
 }
 
+/// Each mode takes memory in the tables of the plan, and in its text.
+#[test]
+fn many_modes_take_the_planned_memory() {
+    const CLOSE: f64 = 0.05;
+    const MANY: &str = "solver.warp.points=524288";
+    const FEWER: &str = "solver.warp.points=262144";
+    let tiny = ["axis.0.x.cells=4", "axis.0.v.cells=4", "exact={}", "time.end=1e-5"];
+    let modes = |points: &'static str| {
+        ["solver.warp.profile=exponential", "solver.warp.interval=[-12,20]", points]
+    };
+    take_as_planned(&[
+        ("example1.toml", &tiny, &modes(MANY), 1, CLOSE),
+        ("example1.toml", &tiny, &modes(FEWER), 2, CLOSE),
+    ]);
+}
+
 /// Chunks of a dataset take memory while they are written, when the arrays of the solve are gone.
 #[test]
 fn chunks_take_the_planned_memory() {

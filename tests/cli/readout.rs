@@ -56,6 +56,22 @@ fn samples_depend_neither_on_ranks_nor_on_other_cells() {
     }
 }
 
+/// Of one moment, the overlap of the enlarged state is `√P` times that of the postselected state on
+/// elements, whose state holds their volumes; it is larger where weights above 1 are undone.
+fn overlaps_agree(readout: &Value, are_elements: bool) -> Result<(), String> {
+    let probability = readout["probability"]["value"].as_f64().ok_or("no probability")?;
+    for row in readout["rows"].as_array().ok_or("no rows")? {
+        let of = |k: usize| row["measured"][k]["overlap"]["value"].as_f64();
+        if let Some((postselected, enlarged)) = of(0).zip(of(3)) {
+            let ratio = enlarged / (probability.sqrt() * postselected);
+            if ratio < 1.0 - 1e-9 || are_elements && ratio > 1.0 + 1e-9 {
+                return Err(format!("{ratio}: {row}"));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// The samples have the same bits on any ranks in the plane, and with partial reflection for cells
 /// and for elements.
 #[test]
@@ -80,7 +96,7 @@ fn samples_of_other_scenes_do_not_depend_on_ranks() {
     check_all(&rows, |(name, settings, (ranks, blocks), observables)| {
         let job = || of_case("run", name).set(settings);
         let reference = directory();
-        job().solve(reference.path())?;
+        let summary = job().solve(reference.path())?;
         let found = datasets(reference.path())?;
         let shape = &found["/readout/cell"].shape;
         if *shape != [3 * observables * 5] {
@@ -90,6 +106,8 @@ fn samples_of_other_scenes_do_not_depend_on_ranks() {
         let [values, density] = ["/readout/value", "/density"].map(|d| found[d].numbers());
         let cell = found["/readout/cell"].numbers()[0] as usize;
         near("the density at the first cell", values[0], density[cell], 1e-13)?;
+        overlaps_agree(&summary.value["readout"], settings.contains(&"scheme.degree=2"))
+            .map_err(|e| format!("{name} {settings:?}: {e}"))?;
         let place = directory();
         job().with(["--ranks-x", *blocks]).on(*ranks).solve(place.path())?;
         let differ = differences(&datasets(place.path())?, &found);

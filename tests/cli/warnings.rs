@@ -214,6 +214,33 @@ fn data_that_vary_within_cells_give_a_warning() {
     });
 }
 
+/// A beam between the nodes causes a warning that names it, and data that the grid resolves do not,
+/// in one to three dimensions.
+#[test]
+fn narrow_data_give_a_warning() {
+    const BEAM: &str = "initial.f=exp(-((x + 0.3)^2 + (v - 0.3)^2)/0.09) \
+                        + 2500*exp(-((x + 0.37)^2 + (v - 0.77)^2)/9e-6)";
+    let few = ["axis.0.x.cells=40", "axis.0.v.cells=40"];
+    let fine = ["axis.0.x.cells=1500", "axis.0.v.cells=1500"];
+    let elements = [few[0], few[1], "scheme.degree=3"];
+    let rows: [(&str, &[&str], &[&str], bool); 7] = [
+        ("step_up.toml", &few, &[BEAM], true),
+        ("step_up.toml", &elements, &[BEAM], true),
+        ("step_up.toml", &fine, &[BEAM], false),
+        ("step_up.toml", &few, &[], false),
+        ("barrier2d.toml", &[], &[], false),
+        ("quantum_dot2d.toml", &[], &[], false),
+        ("smooth_step3d.toml", &[], &[], false),
+    ];
+    check_all(&rows, |(name, grid, settings, warns)| {
+        let finished = check(name).set(grid).set(settings).succeed()?;
+        let found = ["initial data: the grid does not resolve ", "% of them, near x = -0.37"];
+        let found = found.iter().all(|words| finished.output.contains(words));
+        let any = finished.output.contains("initial data: the grid does not resolve");
+        require(found == *warns && any == *warns, &finished, || format!("warns: {found} {any}"))
+    });
+}
+
 /// Formulas that are zero at every point of the grid cause a warning, constants 0 do not.
 #[test]
 fn formulas_that_are_zero_on_the_grid_give_a_warning() {

@@ -1,8 +1,8 @@
 //! Reads the text of a formula by recursive descent.
 
 use crate::problem::formula::tree::{
-    Binary, COMPARISONS, ELSE, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, FormulaNode, IF, NEGATIVE,
-    OPERATORS, POWER, Unary, compare,
+    Binary, COMPARISONS, ELSE, FUNCTIONS_OF_ONE, FUNCTIONS_OF_TWO, FormulaNode, IF, NEGATIVE, NOT,
+    OPERATORS, POWER,
 };
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -268,8 +268,7 @@ impl<'a> Parser<'a> {
             return Ok(FormulaNode::function(NEGATIVE, self.nested(Self::operand)?));
         }
         if self.accept("!") {
-            let not = Unary::not_smooth(|a| compare(a, a, |a, _| a == 0.0));
-            return Ok(FormulaNode::function(not, self.nested(Self::operand)?));
+            return Ok(FormulaNode::function(NOT, self.nested(Self::operand)?));
         }
         let base = self.primary()?;
         if self.accept("^") || self.accept("**") {

@@ -1,9 +1,10 @@
 //! A formula as a tree of operators and functions, and its values at one point or at many.
 
+use crate::problem::formula::enclosure::{Course, Enclosure};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::COORDINATES;
 use crate::problem::table::Table;
-use std::f64::consts::LN_10;
+use std::f64::consts::{FRAC_PI_2, LN_10};
 use std::sync::Arc;
 
 /// Number of points at which a formula is evaluated together.
@@ -21,19 +22,23 @@ pub(super) struct Unary {
     /// Its derivative; `None` if it jumps or has a kink. A root counts as smooth: that of `x² + y²`
     /// has its kink at one point only.
     slope: Option<fn(f64) -> f64>,
+    /// How it changes.
+    course: Course,
 }
 
 impl Unary {
-    const fn smooth(of: fn(f64) -> f64, slope: fn(f64) -> f64) -> Self {
-        Self { of, slope: Some(slope) }
+    const fn smooth(of: fn(f64) -> f64, slope: fn(f64) -> f64, course: Course) -> Self {
+        Self { of, slope: Some(slope), course }
     }
 
     /// A function that jumps or has a kink.
-    pub(super) const fn not_smooth(of: fn(f64) -> f64) -> Self {
-        Self { of, slope: None }
+    pub(super) const fn not_smooth(of: fn(f64) -> f64, course: Course) -> Self {
+        Self { of, slope: None, course }
     }
 }
 
+/// Bounds of a function of two numbers.
+type BoundsOfTwo = fn(&Enclosure, &Enclosure) -> Enclosure;
 /// The derivatives of a function of two numbers by each of them.
 type SlopesOfTwo = [fn(f64, f64) -> f64; 2];
 
@@ -44,17 +49,20 @@ pub(super) struct Binary {
     pub(super) of: fn(f64, f64) -> f64,
     /// Replaces the left numbers by the values of many pairs, with the same bits as `of`.
     each: fn(&mut FormulaLanes, &FormulaLanes),
+    /// Its bounds.
+    over: BoundsOfTwo,
     /// Its derivatives; `None` if it jumps or has a kink.
     slopes: Option<SlopesOfTwo>,
 }
 
-/// The [`Binary`] of a closure or a function, and of its derivatives, if it is smooth.
+/// The [`Binary`] of a closure or a function, of its bounds, and of its derivatives, if it is
+/// smooth.
 macro_rules! binary {
-    ($of:expr) => {
-        Binary { of: $of, each: |left, right| each_of($of, left, right), slopes: None }
+    ($of:expr, $over:expr) => {
+        Binary { of: $of, each: |left, right| each_of($of, left, right), over: $over, slopes: None }
     };
-    ($of:expr, $slopes:expr) => {
-        Binary { slopes: Some($slopes), ..binary!($of) }
+    ($of:expr, $over:expr, $slopes:expr) => {
+        Binary { slopes: Some($slopes), ..binary!($of, $over) }
     };
 }
 
@@ -73,23 +81,23 @@ const NOTHING: u64 = 0x7ff8_0000_5eed_0000;
 /// The operators between operands with their names: one row per precedence, the loosest
 /// first.
 pub(super) const OPERATORS: [&[(&str, Binary)]; 7] = [
-    &[("else", binary!(|a, b| if a.to_bits() == NOTHING { b } else { a }))],
-    &[("if", binary!(value_if))],
-    &[("||", binary!(|a, b| compare(a, b, |a, b| a != 0.0 || b != 0.0)))],
-    &[("&&", binary!(|a, b| compare(a, b, |a, b| a != 0.0 && b != 0.0)))],
+    &[("else", binary!(|a, b| if a.to_bits() == NOTHING { b } else { a }, Enclosure::value_else))],
+    &[("if", binary!(value_if, Enclosure::value_if))],
+    &[("||", binary!(|a, b| compare(a, b, |a, b| a != 0.0 || b != 0.0), Enclosure::either))],
+    &[("&&", binary!(|a, b| compare(a, b, |a, b| a != 0.0 && b != 0.0), Enclosure::both))],
     &[
-        ("==", binary!(|a, b| compare(a, b, |a, b| a == b))),
-        ("!=", binary!(|a, b| compare(a, b, |a, b| a != b))),
-        ("<=", binary!(|a, b| compare(a, b, |a, b| a <= b))),
-        (">=", binary!(|a, b| compare(a, b, |a, b| a >= b))),
-        ("<", binary!(|a, b| compare(a, b, |a, b| a < b))),
-        (">", binary!(|a, b| compare(a, b, |a, b| a > b))),
+        ("==", binary!(|a, b| compare(a, b, |a, b| a == b), Enclosure::equal)),
+        ("!=", binary!(|a, b| compare(a, b, |a, b| a != b), Enclosure::unequal)),
+        ("<=", binary!(|a, b| compare(a, b, |a, b| a <= b), Enclosure::at_most)),
+        (">=", binary!(|a, b| compare(a, b, |a, b| a >= b), |a, b| Enclosure::at_most(b, a))),
+        ("<", binary!(|a, b| compare(a, b, |a, b| a < b), Enclosure::less)),
+        (">", binary!(|a, b| compare(a, b, |a, b| a > b), |a, b| Enclosure::less(b, a))),
     ],
     &[
-        ("+", binary!(|a, b| a + b, [|_, _| 1.0, |_, _| 1.0])),
-        ("-", binary!(|a, b| a - b, [|_, _| 1.0, |_, _| -1.0])),
+        ("+", binary!(|a, b| a + b, Enclosure::sum, [|_, _| 1.0, |_, _| 1.0])),
+        ("-", binary!(|a, b| a - b, Enclosure::difference, [|_, _| 1.0, |_, _| -1.0])),
     ],
-    &[("*", TIMES), ("/", binary!(|a, b| a / b, [|_, b| 1.0 / b, |a, b| -a / (b * b)]))],
+    &[("*", TIMES), ("/", DIVIDED_BY)],
 ];
 /// The precedence of `else`.
 pub(super) const ELSE: usize = 0;
@@ -99,34 +107,41 @@ pub(super) const IF: usize = 1;
 pub(super) const COMPARISONS: usize = 4;
 
 pub(super) const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
-    ("abs", Unary::not_smooth(f64::abs)),
-    ("sqrt", Unary::smooth(f64::sqrt, |a| 0.5 / a.sqrt())),
-    ("cbrt", Unary::not_smooth(f64::cbrt)),
-    ("exp", Unary::smooth(f64::exp, f64::exp)),
-    ("ln", Unary::smooth(f64::ln, |a| 1.0 / a)),
-    ("log", Unary::smooth(f64::ln, |a| 1.0 / a)),
-    ("log10", Unary::smooth(f64::log10, |a| 1.0 / (LN_10 * a))),
-    ("sin", Unary::smooth(f64::sin, f64::cos)),
-    ("cos", Unary::smooth(f64::cos, |a| -a.sin())),
-    ("tan", Unary::smooth(f64::tan, |a| 1.0 + a.tan() * a.tan())),
-    ("asin", Unary::not_smooth(f64::asin)),
-    ("acos", Unary::not_smooth(f64::acos)),
-    ("atan", Unary::smooth(f64::atan, |a| 1.0 / (1.0 + a * a))),
-    ("sinh", Unary::smooth(f64::sinh, f64::cosh)),
-    ("cosh", Unary::smooth(f64::cosh, f64::sinh)),
-    ("tanh", Unary::smooth(f64::tanh, |a| 1.0 - a.tanh() * a.tanh())),
-    ("floor", Unary::not_smooth(f64::floor)),
-    ("ceil", Unary::not_smooth(f64::ceil)),
-    ("step", Unary::not_smooth(|a| compare(a, 0.0, |a, b| a > b))),
-    ("sign", Unary::not_smooth(|a| compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b))),
+    ("abs", Unary::not_smooth(f64::abs, Course::LeastAtZero)),
+    ("sqrt", Unary::smooth(f64::sqrt, |a| 0.5 / a.sqrt(), Course::Rising)),
+    ("cbrt", Unary::not_smooth(f64::cbrt, Course::Rising)),
+    ("exp", Unary::smooth(f64::exp, f64::exp, Course::Rising)),
+    ("ln", Unary::smooth(f64::ln, |a| 1.0 / a, Course::Rising)),
+    ("log", Unary::smooth(f64::ln, |a| 1.0 / a, Course::Rising)),
+    ("log10", Unary::smooth(f64::log10, |a| 1.0 / (LN_10 * a), Course::Rising)),
+    ("sin", Unary::smooth(f64::sin, f64::cos, Course::Wave(FRAC_PI_2))),
+    ("cos", Unary::smooth(f64::cos, |a| -a.sin(), Course::Wave(0.0))),
+    ("tan", Unary::smooth(f64::tan, |a| 1.0 + a.tan() * a.tan(), Course::Tangent)),
+    ("asin", Unary::not_smooth(f64::asin, Course::Rising)),
+    ("acos", Unary::not_smooth(f64::acos, Course::Falling)),
+    ("atan", Unary::smooth(f64::atan, |a| 1.0 / (1.0 + a * a), Course::Rising)),
+    ("sinh", Unary::smooth(f64::sinh, f64::cosh, Course::Rising)),
+    ("cosh", Unary::smooth(f64::cosh, f64::sinh, Course::LeastAtZero)),
+    ("tanh", Unary::smooth(f64::tanh, |a| 1.0 - a.tanh() * a.tanh(), Course::Rising)),
+    ("floor", Unary::not_smooth(f64::floor, Course::Rising)),
+    ("ceil", Unary::not_smooth(f64::ceil, Course::Rising)),
+    ("step", Unary::not_smooth(|a| compare(a, 0.0, |a, b| a > b), Course::Rising)),
+    ("sign", Unary::not_smooth(sign, Course::Rising)),
 ];
 /// The operator `-a`.
-pub(super) const NEGATIVE: Unary = Unary::smooth(|a| -a, |_| -1.0);
+pub(super) const NEGATIVE: Unary = Unary::smooth(|a| -a, |_| -1.0, Course::Falling);
+/// The operator `!a`.
+pub(super) const NOT: Unary = Unary::not_smooth(|a| compare(a, a, |a, _| a == 0.0), Course::Not);
 pub(super) const FUNCTIONS_OF_TWO: [(&str, Binary); 3] = [
-    ("min", binary!(|a, b| choose(a, b, f64::min))),
-    ("max", binary!(|a, b| choose(a, b, f64::max))),
-    ("atan2", binary!(f64::atan2)),
+    ("min", binary!(|a, b| choose(a, b, f64::min), Enclosure::least)),
+    ("max", binary!(|a, b| choose(a, b, f64::max), Enclosure::largest)),
+    ("atan2", binary!(f64::atan2, Enclosure::angle)),
 ];
+
+/// 1, 0 or -1; NaN if `a` is NaN.
+fn sign(a: f64) -> f64 {
+    compare(a, 0.0, |a, b| a > b) - compare(a, 0.0, |a, b| a < b)
+}
 
 /// A comparison or a logical operation; NaN if an operand is NaN.
 #[inline(always)]
@@ -174,10 +189,14 @@ fn powers(left: &mut FormulaLanes, right: &FormulaLanes) {
 pub(super) const POWER: Binary = Binary {
     of: power,
     each: powers,
+    over: |a, b| Enclosure::power(a, b, power),
     slopes: Some([|a, b| b * power(a, b - 1.0), |a, b| power(a, b) * a.ln()]),
 };
 /// The product of two numbers.
-pub(super) const TIMES: Binary = binary!(|a, b| a * b, [|_, b| b, |a, _| a]);
+pub(super) const TIMES: Binary = binary!(|a, b| a * b, Enclosure::product, [|_, b| b, |a, _| a]);
+/// The quotient of two numbers.
+const DIVIDED_BY: Binary =
+    binary!(|a, b| a / b, Enclosure::quotient, [|_, b| 1.0 / b, |a, b| -a / (b * b)]);
 
 /// Derivatives times a factor of the chain rule. What does not vary has no part in it, even where
 /// the factor is infinite.
@@ -233,6 +252,30 @@ impl FormulaNode {
             Self::Chain(first, rest) => (rest.iter())
                 .fold(first.eval(coordinates), |left, (operator, right)| {
                     (operator.of)(left, right.eval(coordinates))
+                }),
+        }
+    }
+
+    /// Bounds of the values on the box `ranges` of coordinates.
+    pub(super) fn enclosure(&self, ranges: &[[f64; 2]]) -> Enclosure {
+        match self {
+            Self::Number(value) if value.to_bits() == NOTHING => Enclosure::MISSING,
+            Self::Number(value) => Enclosure::point(*value),
+            Self::Coordinate(position) => {
+                let [lower, upper] = ranges[*position];
+                Enclosure::new(lower, upper)
+            }
+            Self::Function(function, argument) => {
+                argument.enclosure(ranges).function(function.course, function.of)
+            }
+            Self::Table(table) => {
+                let [lower, upper] = table.range(ranges);
+                Enclosure::new(lower, upper)
+            }
+            Self::Unread(_) => Enclosure::ALL,
+            Self::Chain(first, rest) => (rest.iter())
+                .fold(first.enclosure(ranges), |left, (operator, right)| {
+                    (operator.over)(&left, &right.enclosure(ranges))
                 }),
         }
     }

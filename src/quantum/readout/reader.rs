@@ -22,6 +22,9 @@ pub struct ReadoutSource<'a> {
     pub field: &'a [f64],
     /// `π` there.
     pub pi: &'a [f64],
+    /// Whether `π` are relative volumes of the cells: the state of the field holds `√π f` then, and
+    /// `f` with dissipative weights, which are undone.
+    pub holds_volumes: bool,
     /// `min f` over all ranks.
     pub least: f64,
     /// Probabilities of the enlarged state.
@@ -50,7 +53,8 @@ pub(crate) fn norm(x: impl Iterator<Item = f64>) -> f64 {
 struct Overlap {
     value: f64,
     prefactor: f64,
-    /// `C_f Δv ‖q‖`, by which an error of the field's state enters the moment.
+    /// `C_f Δv ‖q‖`, with volumes `C_f Δv ‖q/√π‖`, by which an error of the field's state enters
+    /// the moment.
     of_field: f64,
 }
 
@@ -101,7 +105,7 @@ pub(crate) struct CellSums {
     moments: [f64; MAX_DIMENSION + 1],
     /// `Σ_j q_j²/π_j`.
     unweighted: [f64; MAX_DIMENSION + 1],
-    /// `Σ_j f_j²`.
+    /// `Σ_j f_j²`, with volumes `Σ_j π_j f_j²`.
     pub(crate) square: f64,
 }
 
@@ -137,7 +141,7 @@ impl ReadoutContext<'_> {
             let here = place * velocities..(place + 1) * velocities;
             let cells = self.source.field[here.clone()].iter().zip(&self.source.pi[here]);
             for ((f, pi), q) in cells.zip(self.factors.each()) {
-                sums.square += f * f;
+                sums.square += if self.source.holds_volumes { pi * f * f } else { f * f };
                 for (k, q) in q.iter().take(MAX_DIMENSION + 1).enumerate() {
                     sums.moments[k] += q * f;
                     sums.unweighted[k] += q * q / pi;
@@ -182,7 +186,12 @@ impl ReadoutContext<'_> {
     /// The overlap of moment `k` with the state that `estimator` measures.
     fn overlap(&self, k: usize, sums: &CellSums, estimator: OverlapEstimator) -> Option<Overlap> {
         let volume = self.case.space.velocity_cell_volume();
-        let of_field = self.source.norm() * volume * norm(self.factors.each().iter().map(|q| q[k]));
+        let size = if self.source.holds_volumes {
+            sums.unweighted[k].sqrt()
+        } else {
+            norm(self.factors.each().iter().map(|q| q[k]))
+        };
+        let of_field = self.source.norm() * volume * size;
         let prefactor = if !estimator.enlarged() {
             of_field
         } else {

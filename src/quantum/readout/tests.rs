@@ -97,24 +97,43 @@ fn rows_of(
     probabilities: &Probabilities,
     change: impl Fn(&mut ReadoutSource<'_>),
 ) -> Vec<ReadoutRow> {
+    read(case, probabilities, change, |reader| reader.rows(&cell, &reader.sums_here(&cell)))
+}
+
+/// The squares of the parts of the field's state at each cell.
+fn squares(case: &Case, probabilities: &Probabilities, holds_volumes: bool) -> Vec<f64> {
+    let cells = (0..2).flat_map(|i| (0..3).map(move |j| [i, j]));
+    let change = |source: &mut ReadoutSource<'_>| source.holds_volumes = holds_volumes;
+    read(case, probabilities, change, |reader| {
+        cells.map(|cell| reader.sums_here(&cell).square).collect()
+    })
+}
+
+/// What `of` reads from the data.
+fn read<T>(
+    case: &Case,
+    probabilities: &Probabilities,
+    change: impl Fn(&mut ReadoutSource<'_>),
+    of: impl FnOnce(&ReadoutContext<'_>) -> T,
+) -> T {
     let (f, pi) = data();
     let mut source = ReadoutSource {
         share: &SHARE,
         field: &f,
         pi: &pi,
+        holds_volumes: false,
         least: 0.5,
         probabilities,
         norm_is_known: false,
         state_error: LabelledNumber::bound(case.tolerance),
     };
     change(&mut source);
-    let reader = ReadoutContext {
+    of(&ReadoutContext {
         case,
         source: &source,
         readout: case.readout.as_ref().expect("a readout"),
         factors: &VelocityFactors::new(&case.space),
-    };
-    reader.rows(&cell, &reader.sums_here(&cell))
+    })
 }
 
 fn number(figure: &LabelledNumber) -> f64 {
@@ -123,25 +142,33 @@ fn number(figure: &LabelledNumber) -> f64 {
 
 #[test]
 fn overlaps_are_inner_products_of_states() {
-    for slices in [1, 5] {
-        overlaps_are_inner_products(slices);
+    for (slices, holds_volumes) in [(1, false), (5, false), (1, true), (5, true)] {
+        overlaps_are_inner_products(slices, holds_volumes);
     }
 }
 
-/// Probabilities of the state at one point, or of all points in the window.
-fn overlaps_are_inner_products(slices: usize) {
+/// Probabilities of the state at one point, or of all points in the window. The state of the field
+/// has the weights, or is without them.
+fn overlaps_are_inner_products(slices: usize, holds_volumes: bool) {
     let case = case("cells = [[1, 2]]");
     let (f, pi) = data();
-    let p = probabilities_of(&f, &pi, 31.0, slices);
-    let c_f = number(&p.norm_of_field);
-    for (k, row) in rows_of(&case, [1, 2], &p, |_| {}).iter().take(3).enumerate() {
+    let root = |i: usize| if holds_volumes { pi[i].sqrt() } else { 1.0 };
+    let state: Vec<f64> = f.iter().enumerate().map(|(i, f)| root(i) * f).collect();
+    let mut p = probabilities_of(&f, &pi, 31.0, slices);
+    p.norms.field = norm(state.iter().copied());
+    let c_f = p.norms.field;
+    let found = rows_of(&case, [1, 2], &p, |source| source.holds_volumes = holds_volumes);
+    let basis: f64 = squares(&case, &p, holds_volumes).iter().sum::<f64>() / (c_f * c_f);
+    assert!((basis - 1.0).abs() < 1e-13, "{basis}");
+    for (k, row) in found.iter().take(3).enumerate() {
         // χ, ζ, F and the part of w at the points p_k, each as one vector over all of phase space.
         let (mut chi, mut zeta) = (vec![0.0; 36], vec![0.0; 36]);
         for i in 0..36 {
             let point = case.space.point(&case.space.cell(i));
             if case.space.cell(i)[..2] == [1, 2] {
-                chi[i] = [1.0, point[3], point[4]][k];
-                zeta[i] = chi[i] / pi[i].sqrt();
+                let q = [1.0, point[3], point[4]][k];
+                chi[i] = q / root(i);
+                zeta[i] = q / pi[i].sqrt();
             }
         }
         let normalise = |x: &mut Vec<f64>| {
@@ -150,7 +177,7 @@ fn overlaps_are_inner_products(slices: usize) {
         };
         normalise(&mut chi);
         normalise(&mut zeta);
-        let overlap: f64 = chi.iter().zip(&f).map(|(a, f)| a * f / c_f).sum();
+        let overlap: f64 = chi.iter().zip(&state).map(|(a, f)| a * f / c_f).sum();
         let mut window: Vec<f64> =
             (0..slices).map(|k| (-(RECOVERY + SPACING * k as f64)).exp()).collect();
         let amplitudes: Vec<f64> = window.iter().map(|e| e / number(&p.norm_of_state)).collect();

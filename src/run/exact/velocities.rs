@@ -47,7 +47,7 @@ use crate::run::exact::velocities::cells::CellAverages;
 use crate::run::exact::velocities::filaments::{ComparedPlaces, SeenFilaments};
 use crate::run::exact::velocities::grid_rule::GridRule;
 use crate::run::exact::velocities::limits::{
-    PART_FOR_FORMULAS, SEARCHED, TOLERANCE, TRIALS, is_limited, max_points_in_all,
+    MOST_STEPS, PART_FOR_FORMULAS, SEARCHED, TOLERANCE, TRIALS, is_limited, max_points_in_all,
     max_points_per_integral, panels_of, points_across,
 };
 use crate::run::exact::velocities::panels::{PanelRule, VelocityIntegral};
@@ -76,6 +76,7 @@ impl<'a> VelocityIntegrals<'a> {
         let mut rule = PanelRule::new(values_of, &case.space, time, panels_of(case));
         rule.max_points_per_integral = max_points_per_integral(case, positions as f64) as usize;
         (rule.max_points_in_all, rule.is_limited) = (max_points_in_all(case), is_limited(case));
+        rule.limit_paths((MOST_STEPS / values_of.steps(time)) as usize, positions);
         let places = centres(&case.space, SEARCHED[d]);
         let sizes = at_all(world, &places, |position| rule.size_at(position));
         rule.tolerance = TOLERANCE[d] * sizes.iter().copied().fold(0.0, f64::max);

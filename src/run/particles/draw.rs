@@ -1,28 +1,22 @@
 //! Particles of the initial data and of the inflow, at points of a quasi-random sequence.
 //!
-//! Replicate `r` of a source has the points `frac(s_r + k α)`, `k = 1, 2, …`, with
-//! `α_i = φ^{−i}`, `φ^{d+1} = φ + 1` (M. Roberts, "The unreasonable effectiveness of quasirandom
-//! sequences", 2018: the additive recurrence of low discrepancy in `d` dimensions) and a random
-//! shift `s_r`. Replicates are independent and unbiased: their scatter is the standard error.
-//! Replicates of different sources are independent, too.
+//! Each source has independent replicates with sequences of their own: their scatter is the
+//! standard error. Parts of a source that its points would miss have points of their own
+//! ([`narrow_parts`]).
 //!
 //! Of the points of a replicate some are followed, chosen by systematic resampling in the order of
 //! a Morton curve: nearly as many from each part of phase space as its mass demands. (M. Gerber,
 //! N. Chopin, N. Whiteley, "Negative association, ordering and convergence of resampling methods",
 //! Ann. Statist. 47, 2019.) In the order of the sequence, every `j`-th point may lie on few lines.
 
-use crate::base::random::uniform;
 use crate::problem::case::{Case, Data};
 use crate::problem::exact::Tracer;
-use crate::problem::grid::{AxisEnd, MAX_DIMENSION, PhaseSpace, coordinate};
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
+use crate::problem::grid::{AxisEnd, MAX_DIMENSION};
+use crate::run::particles::narrow_parts::{SourceFormula, narrow_parts};
+use crate::run::particles::samples::{MOST_DIMENSIONS, SampleBox, SamplePoint, SampleSequence};
 
 /// Independent replicates of each source.
 pub const REPLICATES: usize = 16;
-/// The largest number of coordinates of a point: those of phase space. For an end of an axis, time
-/// replaces that axis.
-const MOST_DIMENSIONS: usize = 2 * MAX_DIMENSION;
 /// Bits of a Morton key.
 const MORTON_BITS: u32 = 60;
 /// Coordinates of a particle: its point and its time.
@@ -67,73 +61,13 @@ pub struct Particle {
     pub inside: bool,
 }
 
-/// A box in phase space, by its ends along the `2n` axes.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SampleBox {
-    /// Lower ends.
-    pub lower: Vec<f64>,
-    /// Upper ends.
-    pub upper: Vec<f64>,
-}
-
-impl SampleBox {
-    /// The whole of `space`, with the velocities extended on each side by the fraction `margin` of
-    /// their width.
-    pub fn whole(space: &PhaseSpace, margin: f64) -> Self {
-        let n = space.dimension();
-        let part = |a: usize| if a < n { 0.0 } else { margin };
-        let axes = || space.axes().enumerate();
-        Self {
-            lower: axes().map(|(a, x)| x.lower - part(a) * (x.upper - x.lower)).collect(),
-            upper: axes().map(|(a, x)| x.upper + part(a) * (x.upper - x.lower)).collect(),
-        }
-    }
-
-    /// `∏ (upper − lower)` over the axes for which `counts` is true.
-    fn volume(&self, counts: impl Fn(usize) -> bool) -> f64 {
-        let width = |a: usize| self.upper[a] - self.lower[a];
-        (0..self.lower.len()).filter(|a| counts(*a)).map(width).product()
-    }
-}
-
-/// The sequence of a replicate.
-pub struct SampleSequence {
-    shift: Vec<f64>,
-    step: Vec<f64>,
-    /// Where resampling of its points begins, in `[0, 1)`.
-    pub offset: f64,
-}
-
-impl SampleSequence {
-    /// The sequence of the replicate with this `seed` in `dimensions` dimensions.
-    pub fn new(dimensions: usize, seed: u64) -> Self {
-        let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut root: f64 = 2.0;
-        for _ in 0..64 {
-            root = (1.0 + root).powf(1.0 / (dimensions + 1) as f64);
-        }
-        Self {
-            shift: (0..dimensions).map(|_| uniform(&mut random)).collect(),
-            step: (1..=dimensions).map(|i| root.powi(-(i as i32))).collect(),
-            offset: uniform(&mut random),
-        }
-    }
-
-    /// Point `k` in the unit cube.
-    fn point(&self, k: usize) -> [f64; MOST_DIMENSIONS] {
-        let mut point = [0.0; MOST_DIMENSIONS];
-        for (x, (shift, step)) in point.iter_mut().zip(self.shift.iter().zip(&self.step)) {
-            *x = (shift + (k + 1) as f64 * step).fract();
-        }
-        point
-    }
-}
-
 /// Draws the particles of a case.
 pub struct ParticleSampler<'a> {
     /// The case from whose formulas they are drawn.
     pub case: &'a Case,
     within: SampleBox,
+    /// The narrow parts of each source that has some.
+    narrow: Vec<(ParticleSource, Vec<SampleBox>)>,
     flow: &'a Tracer<'a>,
     /// The faces at which `V` jumps, by axis.
     jump_faces: Vec<Vec<usize>>,
@@ -144,7 +78,20 @@ impl<'a> ParticleSampler<'a> {
     /// and inflow for the exact `flow`.
     pub fn new(case: &'a Case, within: SampleBox, flow: &'a Tracer<'a>) -> Self {
         let axes = 0..case.space.dimension();
-        Self { case, within, flow, jump_faces: axes.map(|a| flow.faces_with_jumps(a)).collect() }
+        let jump_faces = axes.map(|a| flow.faces_with_jumps(a)).collect();
+        Self { case, within, narrow: Vec::new(), flow, jump_faces }
+    }
+
+    /// This sampler with points of their own for narrow parts of the data and of the inflow.
+    #[must_use]
+    pub fn with_narrow_parts(self) -> Self {
+        let sources = [ParticleSource::Initial].into_iter().chain(self.inflow_sources());
+        let of_source = |source| {
+            let formula = SourceFormula::new(self.case, source_end(source)?);
+            Some((source, narrow_parts(&formula, &self.bounds(source))))
+        };
+        let narrow = sources.filter_map(of_source).filter(|(_, parts)| !parts.is_empty());
+        Self { narrow: narrow.collect(), ..self }
     }
 
     /// The sources of particles that enter the box. At a jump of partial reflection a particle has
@@ -171,35 +118,55 @@ impl<'a> ParticleSampler<'a> {
         if self.case.is_measure_valued() { n } else { 2 * n }
     }
 
-    /// The particles at the points `numbers` of the sequence, without those of zero mass.
+    /// The box of the points of a source, without its narrow parts.
+    fn bounds(&self, source: ParticleSource) -> SampleBox {
+        match source {
+            ParticleSource::Initial => self.within.clone(),
+            ParticleSource::Entering(end) => SampleBox::of_inflow(self.case, end),
+            ParticleSource::AtJumps(_) => SampleBox::whole(&self.case.space, 0.0),
+        }
+    }
+
+    /// The particles at the points `numbers` of the sequence, in the box of the source and in each
+    /// of its narrow parts, without those of zero mass.
     pub fn draw(
         &self,
         source: ParticleSource,
         sequence: &SampleSequence,
         numbers: impl Iterator<Item = usize>,
     ) -> Vec<Particle> {
-        let units = numbers.map(|k| sequence.point(k));
-        match source {
-            ParticleSource::Initial => self.initial(units),
-            ParticleSource::Entering(end) => {
-                units.filter_map(|unit| self.entering(end, &unit)).collect()
-            }
-            ParticleSource::AtJumps(end) => {
-                units.filter_map(|unit| self.at_jump(end, &unit)).collect()
-            }
+        let units: Vec<SamplePoint> = numbers.map(|k| sequence.point(k)).collect();
+        let narrow = self.narrow.iter().find(|(of, _)| *of == source);
+        let narrow = narrow.map_or(&[][..], |(_, parts)| parts);
+        let mut drawn = self.draw_in(source, &self.bounds(source), &units, |at| {
+            !narrow.iter().any(|part| part.contains(at))
+        });
+        for part in narrow {
+            drawn.extend(self.draw_in(source, part, &units, |_| true));
         }
+        drawn
     }
 
-    /// The point of phase space at the coordinates `unit` of the unit cube, within `bounds`. For
-    /// measure-valued data it has no velocity yet.
-    fn point_in(&self, bounds: &SampleBox, unit: &[f64; MOST_DIMENSIONS]) -> [f64; 6] {
-        let n = self.case.space.dimension();
-        let mut point = [0.0; 6];
-        for a in 0..self.dimensions() {
-            point[coordinate(n, a)] =
-                bounds.lower[a] + unit[a] * (bounds.upper[a] - bounds.lower[a]);
+    /// The particles of a source at the points `units` of the unit cube, mapped to `bounds`, for
+    /// which `counts` is true.
+    fn draw_in(
+        &self,
+        source: ParticleSource,
+        bounds: &SampleBox,
+        units: &[SamplePoint],
+        counts: impl Fn(&SamplePoint) -> bool,
+    ) -> Vec<Particle> {
+        let dimensions = self.dimensions();
+        let places = units.iter().map(|unit| bounds.at(unit, dimensions)).filter(counts);
+        match source {
+            ParticleSource::Initial => self.initial(bounds, places),
+            ParticleSource::Entering(end) => {
+                places.filter_map(|place| self.entering(end, bounds, &place)).collect()
+            }
+            ParticleSource::AtJumps(end) => {
+                units.iter().filter_map(|unit| self.at_jump(end, bounds, unit)).collect()
+            }
         }
-        point
     }
 
     /// Sets the velocity of measure-valued data at `point`. Returns whether the velocity is in the
@@ -214,15 +181,21 @@ impl<'a> ParticleSampler<'a> {
         axes.all(|(a, v)| (v.lower..=v.upper).contains(&point[3 + a]))
     }
 
-    fn initial(&self, units: impl Iterator<Item = [f64; MOST_DIMENSIONS]>) -> Vec<Particle> {
-        let with_velocity = |unit| {
-            let mut point = self.point_in(&self.within, &unit);
+    /// Initial data at `places` of the box `bounds`.
+    fn initial(
+        &self,
+        bounds: &SampleBox,
+        places: impl Iterator<Item = SamplePoint>,
+    ) -> Vec<Particle> {
+        let formula = SourceFormula::new(self.case, None);
+        let with_velocity = |place| {
+            let mut point = formula.point(&place).0;
             let inside = self.set_velocity(&mut point);
             (point, inside)
         };
-        let (points, inside): (Vec<[f64; 6]>, Vec<bool>) = units.map(with_velocity).unzip();
+        let (points, inside): (Vec<[f64; 6]>, Vec<bool>) = places.map(with_velocity).unzip();
         let n = self.case.space.dimension();
-        let volume = self.within.volume(|a| a < n || !self.case.is_measure_valued());
+        let volume = bounds.volume(|a| a < n || !self.case.is_measure_valued());
         let time = self.case.end;
         let values = self.case.fields[0].initial.at_points(&points, 0.0);
         let particle = |((value, point), inside): ((f64, _), _)| {
@@ -231,14 +204,11 @@ impl<'a> ParticleSampler<'a> {
         values.into_iter().zip(points).zip(inside).filter_map(particle).collect()
     }
 
-    /// A particle that enters through an end. Its coordinate along that axis is the time.
-    fn entering(&self, end: AxisEnd, unit: &[f64; MOST_DIMENSIONS]) -> Option<Particle> {
-        let (space, n) = (&self.case.space, self.case.space.dimension());
-        let whole = SampleBox::whole(space, 0.0);
-        let mut point = self.point_in(&whole, unit);
-        let now = unit[end.axis] * self.case.end;
-        let ends = if end.upper { &whole.upper } else { &whole.lower };
-        point[coordinate(n, end.axis)] = ends[end.axis];
+    /// A particle that enters through an end, at a place of the box `bounds`.
+    fn entering(&self, end: AxisEnd, bounds: &SampleBox, place: &SamplePoint) -> Option<Particle> {
+        let n = self.case.space.dimension();
+        let formula = SourceFormula::new(self.case, Some(end));
+        let (mut point, now) = formula.point(place);
         let inside = self.set_velocity(&mut point);
         let speed = if end.axis < n {
             point[3 + end.axis]
@@ -249,24 +219,22 @@ impl<'a> ParticleSampler<'a> {
         if inwards <= 0.0 || !inside {
             return None;
         }
-        let area = whole.volume(|a| a != end.axis && (a < n || !self.case.is_measure_valued()));
-        let mut outside = point;
-        outside[coordinate(n, end.axis)] = space.axis(end.axis).just_outside(end.upper);
-        let value = self.case.fields[0].entering().at_point(&outside, now);
-        let mass = area * self.case.end * inwards * value;
+        let volume = bounds.volume(|a| a < n || !self.case.is_measure_valued());
+        let value = formula.value(&point, now);
+        let mass = volume * inwards * value;
         nonzero(Particle { point, time: self.case.end - now, mass, value, inside })
     }
 
     /// A particle to which a jump of `V` gives a velocity inside of the box, and which had one
     /// beyond an `end` of the box before. Its coordinate across the faces stands for the face and
     /// the time. The density of the flow behind a face is `|v| f`.
-    fn at_jump(&self, end: AxisEnd, unit: &[f64; MOST_DIMENSIONS]) -> Option<Particle> {
+    fn at_jump(&self, end: AxisEnd, whole: &SampleBox, unit: &SamplePoint) -> Option<Particle> {
         let space = &self.case.space;
         let a = end.axis - space.dimension();
         let faces = &self.jump_faces[a];
         let (x, v) = (&space.x[a], &space.v[a]);
-        let whole = SampleBox::whole(space, 0.0);
-        let mut point = self.point_in(&whole, unit);
+        let formula = SourceFormula::new(self.case, None);
+        let mut point = formula.point(&whole.at(unit, self.dimensions())).0;
         let place = unit[a] * faces.len() as f64;
         let face = faces[(place as usize).min(faces.len() - 1)];
         let now = place.fract() * self.case.end;
@@ -284,6 +252,16 @@ impl<'a> ParticleSampler<'a> {
         let area = whole.volume(|b| b != a);
         let mass = area * self.case.end * faces.len() as f64 * point[3 + a].abs() * value;
         nonzero(Particle { point, time: self.case.end - now, mass, value, inside: true })
+    }
+}
+
+/// The end at which particles of a source enter; the outer `None` if its formula is not evaluated
+/// at points of the box.
+fn source_end(source: ParticleSource) -> Option<Option<AxisEnd>> {
+    match source {
+        ParticleSource::Initial => Some(None),
+        ParticleSource::Entering(end) => Some(Some(end)),
+        ParticleSource::AtJumps(_) => None,
     }
 }
 
@@ -369,27 +347,6 @@ fn sort_along_curve(particles: &mut [Particle]) {
 mod tests {
     use super::*;
 
-    #[test]
-    fn sequences_fill_the_cube_evenly() {
-        for dimensions in 1..=MOST_DIMENSIONS {
-            let sequence = SampleSequence::new(dimensions, 3);
-            let count = 4096;
-            for axis in 0..dimensions {
-                let values = (0..count).map(|k| sequence.point(k)[axis]);
-                let mean: f64 = values.sum::<f64>() / f64::from(count as u32);
-                // Random points would be 4.5e-3 off.
-                assert!((mean - 0.5).abs() < 3e-3, "{dimensions} {axis}: {mean}");
-            }
-            // The part in which all coordinates are below 0.7.
-            let below = (0..count)
-                .filter(|k| sequence.point(*k)[..dimensions].iter().all(|x| *x < 0.7))
-                .count();
-            let expected = 0.7f64.powi(dimensions as i32);
-            let found = below as f64 / f64::from(count as u32);
-            assert!((found - expected).abs() < 0.01, "{dimensions}: {found} {expected}");
-        }
-    }
-
     /// At a step up by 0.3, particles with more than the largest speed 1 below the step enter with
     /// speeds from √0.4 to 1 above it: `∫ v f(√(v² + 0.6)) dv` in unit time. None enter downwards.
     #[test]
@@ -443,11 +400,11 @@ mod tests {
             sources.iter().flat_map(|of| (0..REPLICATES).map(|r| of.seed(r))).collect();
         assert!(seeds[..REPLICATES].iter().copied().eq(0..REPLICATES as u64));
         let shifts: std::collections::HashSet<u64> =
-            seeds.iter().map(|seed| SampleSequence::new(2, *seed).shift[0].to_bits()).collect();
+            seeds.iter().map(|seed| SampleSequence::new(2, *seed).point(0)[0].to_bits()).collect();
         assert_eq!(shifts.len(), sources.len() * REPLICATES);
         // The shifts of two sources are not correlated: their mean product is that of the means.
         let shift =
-            |of: usize, r: usize| SampleSequence::new(2, sources[of].seed(r)).shift[0] - 0.5;
+            |of: usize, r: usize| SampleSequence::new(2, sources[of].seed(r)).point(0)[0] - 0.5;
         let products = (1..sources.len()).flat_map(|of| (0..REPLICATES).map(move |r| (of, r)));
         let sum: f64 = products.map(|(of, r)| shift(0, r) * shift(of, r)).sum();
         let count = ((sources.len() - 1) * REPLICATES) as f64;

@@ -14,7 +14,7 @@
 use crate::base::checksum::run_checksum;
 use crate::base::disk::open_regular;
 use crate::base::row_major::volume;
-use crate::parallel::partition::common_runs;
+use crate::parallel::partition::{CommonRun, common_runs};
 use crate::solve::rank_modes::{ModeProgress, RankModes};
 use crate::solve::snapshot::{Fingerprint, GroupProgress, Snapshot};
 use num_complex::Complex64;
@@ -29,8 +29,6 @@ use std::path::Path;
 const MARK: u64 = u64::from_le_bytes(*b"phwarp01");
 /// Words read or written at a time: 512 KiB.
 const PIECE: usize = 1 << 16;
-/// Largest number of words of a header: 64 MiB.
-const LONGEST_HEADER: u64 = 1 << 23;
 
 /// The header of a file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -256,7 +254,9 @@ impl RankFile {
         let file = open_regular(path)?;
         let mut start = [0; 2];
         read_words(&file, 0, 2, |_, words| start.copy_from_slice(words))?;
-        if start[0] != MARK || start[1] > LONGEST_HEADER {
+        let words = file.metadata()?.len() / 8;
+        // The header of a million modes takes more than 100 MB.
+        if start[0] != MARK || start[1] >= words {
             return Err(not_a_checkpoint());
         }
         let length = start[1] as usize;
@@ -266,7 +266,6 @@ impl RankFile {
         })?;
         let header: Header = serde_json::from_slice(&text).map_err(|_| not_a_checkpoint())?;
         let before = 2 + length;
-        let words = file.metadata()?.len() / 8;
         let starts = header.starts().ok_or_else(not_a_checkpoint)?;
         if before.checked_add(starts.end).and_then(|w| w.checked_add(1)) != Some(words as usize) {
             return Err(not_a_checkpoint());
@@ -325,12 +324,19 @@ impl RankFile {
         let Some((mine, modes)) = &mut to.kept else {
             return Ok(());
         };
-        // The destination of each of the file's auxiliary unknowns.
+        // The destinations of the file's auxiliary unknowns.
         let places: HashMap<u64, usize> = mine.iter().copied().zip(0..).collect();
-        let mut moves = Vec::new();
+        let mut auxiliary_runs: Vec<CommonRun> = Vec::new();
         self.read(auxiliary, header.auxiliary, |at, words| {
-            let found = words.iter().zip(at..);
-            moves.extend(found.filter_map(|(cell, m)| Some((m, *places.get(cell)?))));
+            for (cell, from) in words.iter().zip(at..) {
+                let Some(&to) = places.get(cell) else { continue };
+                match auxiliary_runs.last_mut() {
+                    Some(run) if [run.from + run.length, run.to + run.length] == [from, to] => {
+                        run.length += 1;
+                    }
+                    _ => auxiliary_runs.push(CommonRun { from, to, length: 1 }),
+                }
+            }
         })?;
         let runs = common_runs(&header.block, to.block);
         let velocities = header.velocity_cells;
@@ -345,9 +351,9 @@ impl RankFile {
                 let cells = run.to * velocities..(run.to + run.length) * velocities;
                 self.read_complex(first + 2 * run.from * velocities, &mut rows[cells])?;
             }
-            for &(from, to) in &moves {
-                let row = &mut rows[to_cells + to..][..1];
-                self.read_complex(first + 2 * (from_cells + from), row)?;
+            for run in &auxiliary_runs {
+                let own = &mut rows[to_cells + run.to..][..run.length];
+                self.read_complex(first + 2 * (from_cells + run.from), own)?;
             }
         }
         Ok(())

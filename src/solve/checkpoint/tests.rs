@@ -290,6 +290,29 @@ fn read_all(directory: &Path, space: &PhaseSpace, from: &ProcessMesh, to: &Proce
     }
 }
 
+/// The header of a million modes takes more than 64 MiB.
+#[test]
+fn headers_of_many_modes_are_read() {
+    const MODES: usize = 4_000_000;
+    let space = space(&[1]);
+    let rank = &Rank::all(&space, &ProcessMesh { space: vec![1], groups: 1 })[0];
+    let state = GroupProgress { beyond: vec![0.1 + 0.2; MODES], ..GroupProgress::default() };
+    let header = Header {
+        sums: Vec::new(),
+        results: Vec::new(),
+        auxiliary: 0,
+        kept: Vec::new(),
+        ..rank.header(&state)
+    };
+    let snapshot = Snapshot { state, sums: Vec::new(), results: Vec::new(), kept: None };
+    let directory = tempfile::tempdir().expect("a directory");
+    let path = file_of(directory.path(), 0);
+    let written = file::write(&path, &header, &snapshot).expect("a file");
+    assert!(written.bytes > 64 << 20, "{}", written.bytes);
+    assert_eq!(file::check(&path, &written), Ok(()));
+    assert!(RankFile::open(&path).expect("a file").header == header);
+}
+
 #[test]
 fn every_flipped_bit_is_found() {
     let space = space(&[3]);

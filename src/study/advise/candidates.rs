@@ -8,6 +8,7 @@ use crate::problem::case::{Case, LARGEST_TOLERANCE, MeasurementEffort, Method};
 use crate::problem::potential::resolution::{PotentialMismatch, unresolved_on_finer_grids};
 use crate::problem::potential::unresolved_regions;
 use crate::run::planning;
+use crate::run::unresolved::narrow_data;
 use crate::study::advise::grid_search::{DISCRETISATION, GridSearch, SearchGoal, error_on};
 use crate::study::advise::reached_grid::{DensityError, Evidence, ReachedGrid};
 use crate::study::advise::report::{MOST_SHOWN, grid_text};
@@ -33,6 +34,8 @@ const SMALLEST_TOLERANCE: f64 = 1e-12;
 const MOST_TOLERANCES: usize = 4;
 /// Grids of more elements of space than this are not searched for regions of `V` without a cell.
 const MOST_SEARCHED: usize = 1 << 17;
+/// Data in parts narrower than cells are at most this part of the accuracy.
+const NARROW_DATA: f64 = 0.5;
 /// Largest number of cells for which a plan is made.
 const MOST_CELLS: f64 = 1e11;
 /// Bytes a cell of runs by modes and of classical runs, for grids without a plan.
@@ -53,11 +56,12 @@ impl Study<'_> {
         let scheme = reached.scheme;
         let is_measured = self.trials.has_exact();
         let hidden = || (!is_measured).then(|| hidden_variation(target)).flatten();
-        let unseen_potential = vanished_region(target).or_else(hidden);
-        let is_open = unseen_potential.is_none() && reached.is_open();
+        let narrow = || narrow_data(target, NARROW_DATA * self.request.accuracy);
+        let unseen = vanished_region(target).or_else(hidden).or_else(narrow);
+        let is_open = unseen.is_none() && reached.is_open();
         let wanted_budget = self.wanted.get(&scheme).copied().filter(|_| is_open);
         let without_order = wanted_budget.filter(|_| reached.order.pairs.is_empty());
-        let refused = unseen_potential
+        let refused = unseen
             .or_else(|| without_order.map(|budget| not_compared(reached, budget)))
             .or_else(|| self.why_missed(reached, wanted_budget));
         let settings = settings(self.case, self.trials.base(), target);

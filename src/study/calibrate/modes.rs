@@ -228,13 +228,14 @@ impl<'a> ShortenedRun<'a> {
             if part == PARTS {
                 continue;
             }
-            for l in 0..warp.modes {
+            let of_mode = |l: usize| {
                 let span =
                     PropagationSpan { time: leg.time, tolerance: warp.leg_tolerance(l) * fraction };
                 let (mu, bounds) = (warp.wavenumber(l), &plan.bounds);
-                let work = propagate::work(&case.propagator, bounds, mu, span, &mut scratch);
-                warp.leg_work[k][l] = work;
-            }
+                propagate::work(&case.propagator, bounds, mu, span, &mut scratch)
+            };
+            let work = (0..warp.modes).map(of_mode).collect();
+            warp.leg_work[k] = work;
         }
         warp.state_tolerance *= fraction;
         Self { plan, warp, legs, schedule }

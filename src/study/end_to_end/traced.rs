@@ -148,7 +148,7 @@ impl DensityAtPoint<'_> {
             let approximated = coarse.space.by_elements().space_cells();
             let tracer = Tracer::with_cells(&coarse, MostCells { approximated, ..linear })?;
             let most = segments(&tracer);
-            let values = &ExactValues::Traced(tracer.into());
+            let values = &ExactValues::traced(tracer);
             let there = DensityAtPoint { case: &coarse, values, ..*self };
             let found = there.by_quadrature(accuracy);
             if (found.density - density).abs() <= 0.5 * accuracy * density.abs() {
@@ -250,7 +250,7 @@ mod tests {
                 "#
             );
             let case = Case::parse("curved", &text, &[]).expect("a case");
-            let values = ExactValues::Traced(Tracer::new(&case).expect("a tracer").into());
+            let values = ExactValues::traced(Tracer::new(&case).expect("a tracer"));
             let densest = (-14..15).map(|k| {
                 let point = [0.1 * f64::from(k), 0.0, 0.0, 0.0, 0.0, 0.0];
                 let there = DensityAtPoint { case: &case, point, values: &values };

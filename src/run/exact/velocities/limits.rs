@@ -32,6 +32,8 @@ pub const COMPARED: usize = 8;
 /// Points a cell of phase space that all integrals together may take, if that is more than
 /// [`POINTS_IN_ALL`].
 const POINTS_PER_CELL: usize = 3;
+/// Cells that all paths together may pass, where they pass many: about half a minute on one core.
+pub const MOST_STEPS: f64 = 2e8;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.
 pub const ACROSS: usize = 2;

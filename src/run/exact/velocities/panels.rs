@@ -127,6 +127,15 @@ impl<'a> PanelRule<'a> {
         }
     }
 
+    /// Limits the points to so many `paths` for `positions` integrals together, but to no fewer than
+    /// twice those that each begins with.
+    pub fn limit_paths(&mut self, paths: usize, positions: usize) {
+        let least = 2 * points_of(&self.panels);
+        let each = (paths / positions.max(1)).max(least);
+        self.max_points_per_integral = self.max_points_per_integral.min(each);
+        self.max_points_in_all = self.max_points_in_all.min(paths);
+    }
+
     /// The integral at a position.
     pub fn at(&self, position: &[f64; MAX_DIMENSION]) -> VelocityIntegral {
         self.sampled(position).integral

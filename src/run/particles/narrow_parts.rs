@@ -1,0 +1,344 @@
+//! Parts of the data and of the inflow that are too narrow for samples, and so high that they
+//! matter: a beam, a short pulse.
+//!
+//! A box is cut into halves along each axis in turn. A half is kept if its
+//! [bounds](crate::problem::formula::Enclosure) allow values far above those of nearly all samples.
+//! What is narrow is found however narrow it is, as bounds overlook nothing.
+
+use crate::problem::case::Case;
+use crate::problem::grid::{AxisEnd, coordinate};
+use crate::run::particles::samples::{SampleBox, SamplePoint, SampleSequence};
+
+/// Samples of the whole, and of each part.
+const SAMPLES: usize = 4096;
+/// As many samples are above the level of the others.
+const ABOVE_LEVEL: usize = 16;
+/// A part is high if it has values above this multiple of that level.
+const HIGH: f64 = 2.0;
+/// It ends where `|f|` is below this part of its largest value.
+const EDGE: f64 = 1e-3;
+/// The search ends with more boxes. If it has found no high value by then, the bounds are too wide.
+const MOST_BOXES: usize = 1024;
+/// Largest number of cuts along each axis.
+const MOST_HALVINGS: usize = 24;
+/// More parts are taken as one.
+const MOST_PARTS: usize = 8;
+/// The largest part of the whole box that is narrow: samples show what is wider.
+const NARROW: f64 = 0.05;
+/// Boxes with at most this part of the integral of `|f|`, or of `f²`, are left out.
+const NEGLIGIBLE: f64 = 1e-7;
+/// The least part of the integral of `|f|`, or of `f²`, that is worth samples of its own.
+const NOTICEABLE: f64 = 1e-3;
+
+/// The formula of the initial data, or of the inflow through an end, as a function on a
+/// [`SampleBox`].
+pub struct SourceFormula<'a> {
+    case: &'a Case,
+    end: Option<AxisEnd>,
+}
+
+impl<'a> SourceFormula<'a> {
+    /// The initial data of `case`, or its inflow through `end`.
+    pub fn new(case: &'a Case, end: Option<AxisEnd>) -> Self {
+        Self { case, end }
+    }
+
+    /// The point `[x, y, z, vx, vy, vz]` at a place, and its time. What enters does so on the face.
+    pub fn point(&self, place: &SamplePoint) -> ([f64; 6], f64) {
+        let space = &self.case.space;
+        let n = space.dimension();
+        let (mut point, mut time) = ([0.0; 6], 0.0);
+        for (a, at) in place.iter().enumerate().take(2 * n) {
+            point[coordinate(n, a)] = *at;
+        }
+        if let Some(AxisEnd { axis, upper }) = self.end {
+            let own = space.axis(axis);
+            time = place[axis];
+            point[coordinate(n, axis)] = if upper { own.upper } else { own.lower };
+        }
+        (point, time)
+    }
+
+    /// The value at a point and a time; of inflow just outside of the box.
+    pub fn value(&self, point: &[f64; 6], time: f64) -> f64 {
+        let field = &self.case.fields[0];
+        let Some(AxisEnd { axis, upper }) = self.end else {
+            return field.initial.at_point(point, time);
+        };
+        let space = &self.case.space;
+        let mut outside = *point;
+        outside[coordinate(space.dimension(), axis)] = space.axis(axis).just_outside(upper);
+        field.entering().at_point(&outside, time)
+    }
+
+    /// The largest `|f|` that its bounds allow in a box.
+    fn bound(&self, within: &SampleBox) -> f64 {
+        let (space, field) = (&self.case.space, &self.case.fields[0]);
+        let n = space.dimension();
+        let mut ranges = [[0.0; 2]; 7];
+        for (a, (lower, upper)) in within.lower.iter().zip(&within.upper).enumerate() {
+            ranges[coordinate(n, a)] = [*lower, *upper];
+        }
+        let Some(AxisEnd { axis, upper }) = self.end else {
+            return field.initial.enclosure(&ranges).magnitude();
+        };
+        let face = space.axis(axis).just_outside(upper);
+        ranges[6] = std::mem::replace(&mut ranges[coordinate(n, axis)], [face; 2]);
+        field.entering().enclosure(&ranges).magnitude()
+    }
+
+    /// Number of axes along which the points of a source differ.
+    fn dimensions(&self) -> usize {
+        let n = self.case.space.dimension();
+        if self.case.is_measure_valued() { n } else { 2 * n }
+    }
+
+    /// `|f|` at points of a sequence in a box. Values that are not finite are refused elsewhere.
+    fn samples(&self, within: &SampleBox) -> Vec<f64> {
+        let dimensions = self.dimensions();
+        let sequence = SampleSequence::new(dimensions, 0);
+        let places = (0..SAMPLES).map(|k| within.at(&sequence.point(k), dimensions));
+        places.map(|place| self.magnitude(&place)).collect()
+    }
+
+    fn magnitude(&self, place: &SamplePoint) -> f64 {
+        let (point, time) = self.point(place);
+        let value = self.value(&point, time);
+        if value.is_finite() { value.abs() } else { 0.0 }
+    }
+
+    fn volume(&self, within: &SampleBox) -> f64 {
+        within.volume(|a| a < self.dimensions())
+    }
+}
+
+/// What samples show.
+struct Shown {
+    /// A value that few samples are above.
+    level: f64,
+    /// Integrals of `|f|` and of `f²`, in which samples count up to [`HIGH`] times the level.
+    integrals: [f64; 2],
+}
+
+impl Shown {
+    fn of(formula: &SourceFormula<'_>, within: &SampleBox) -> Self {
+        let mut samples = formula.samples(within);
+        samples.sort_by(f64::total_cmp);
+        let level = samples[SAMPLES - ABOVE_LEVEL];
+        let counted = samples.iter().map(|f| f.min(HIGH * level));
+        Self { level, integrals: integrals(counted, formula.volume(within)) }
+    }
+
+    /// Whether a box has a part of the integral of `|f|` or of `f²` above `least`.
+    fn has_part(&self, found: [f64; 2], least: f64) -> bool {
+        found.iter().zip(self.integrals).any(|(own, others)| *own > least * others)
+    }
+}
+
+/// The integrals of `|f|` and of `f²` by samples in a volume.
+fn integrals(samples: impl Iterator<Item = f64>, volume: f64) -> [f64; 2] {
+    let sums = samples.fold([0.0, 0.0], |[sum, squares], f| [sum + f, squares + f * f]);
+    sums.map(|sum| sum * volume / SAMPLES as f64)
+}
+
+/// Fewest nodes across the width of a narrow part that resolve it.
+const NODES_ACROSS: f64 = 1.5;
+
+/// A narrow part of the initial data that the grid does not resolve.
+#[derive(Clone, Debug)]
+pub struct UnresolvedPart {
+    /// The centre of the part.
+    pub place: SamplePoint,
+    /// The axis along which the fewest nodes are across it: of space, then of velocities.
+    pub axis: usize,
+    /// About the width along this axis at which its values fall to `1/e`, from what is above the
+    /// level of other data: that of a bell.
+    pub width: f64,
+    /// Number of elements of this axis with [`NODES_ACROSS`] nodes across the width.
+    pub elements: f64,
+    /// The share of the data in it.
+    pub share: f64,
+}
+
+/// The narrow part of the initial data of `case` with too few nodes of the grid across that has
+/// most of the data.
+pub fn unresolved_part(case: &Case) -> Option<UnresolvedPart> {
+    if !case.starts_anew() {
+        return None;
+    }
+    let formula = SourceFormula::new(case, None);
+    let whole = SampleBox::whole(&case.space, 0.0);
+    let shown = Shown::of(&formula, &whole);
+    let unresolved = |part: SampleBox| {
+        let samples = formula.samples(&part);
+        let largest = samples.iter().fold(0.0, |most: f64, f| most.max(*f));
+        // Of a bell exp(-(2x/width)^2) the part is what is above its edge.
+        let edge = (HIGH * shown.level).max(EDGE * largest);
+        let widths = (largest / edge).ln().max(0.0).sqrt();
+        let width = |a: usize| (part.upper[a] - part.lower[a]) / widths;
+        let across = |a: usize| {
+            let axis = case.space.axis(a);
+            width(a) / (axis.upper - axis.lower) * axis.cells as f64
+        };
+        // One cell is an axis along which nothing is to be resolved.
+        let axes = (0..formula.dimensions()).filter(|a| case.space.axis(*a).cells > 1);
+        let axis = axes.min_by(|a, b| across(*a).total_cmp(&across(*b)))?;
+        let mass = integrals(samples.into_iter(), formula.volume(&part))[0];
+        let elements = case.space.axis(axis).elements() as f64;
+        Some(UnresolvedPart {
+            place: part.centre(),
+            axis,
+            width: width(axis),
+            elements: (elements * NODES_ACROSS / across(axis)).ceil(),
+            share: mass / (mass + shown.integrals[0]),
+        })
+        .filter(|_| across(axis) < NODES_ACROSS)
+    };
+    let found = narrow_parts(&formula, &whole).into_iter().filter_map(unresolved);
+    found.max_by(|a, b| a.share.total_cmp(&b.share))
+}
+
+/// The narrow parts of a source whose points are mostly in `usual`: disjoint boxes.
+pub fn narrow_parts(formula: &SourceFormula<'_>, usual: &SampleBox) -> Vec<SampleBox> {
+    let whole = match formula.end {
+        None => SampleBox::whole(&formula.case.space, 0.0),
+        Some(end) => SampleBox::of_inflow(formula.case, end),
+    };
+    let shown = Shown::of(formula, usual);
+    let found = joined(high_boxes(formula, whole, &shown));
+    let widest = NARROW * formula.volume(usual);
+    let counts = |part: &SampleBox| {
+        let volume = formula.volume(part);
+        let own = integrals(formula.samples(part).into_iter(), volume);
+        volume < widest && shown.has_part(own, NOTICEABLE)
+    };
+    found.into_iter().filter(counts).collect()
+}
+
+/// Small boxes in which `|f|` may be above all that samples show; none if it is not above it
+/// anywhere, or the bounds are too wide to find out.
+fn high_boxes(formula: &SourceFormula<'_>, whole: SampleBox, shown: &Shown) -> Vec<SampleBox> {
+    let high = HIGH * shown.level;
+    let (mut boxes, mut largest) = (vec![whole], 0.0);
+    if formula.bound(&boxes[0]) <= high {
+        return Vec::new();
+    }
+    let cuts = (0..MOST_HALVINGS).flat_map(|_| 0..formula.dimensions());
+    for axis in cuts {
+        let halves: Vec<SampleBox> = boxes.iter().flat_map(|own| own.halves(axis)).collect();
+        let at_centres = halves.iter().map(|half| formula.magnitude(&half.centre()));
+        largest = at_centres.fold(largest, f64::max);
+        let least = high.max(EDGE * largest);
+        let may_count = |half: &SampleBox| {
+            let (bound, volume) = (formula.bound(half), formula.volume(half));
+            bound > least && shown.has_part([bound * volume, bound * bound * volume], NEGLIGIBLE)
+        };
+        boxes = halves.into_iter().filter(may_count).collect();
+        if boxes.len() > MOST_BOXES {
+            break;
+        }
+    }
+    if largest > high { boxes } else { Vec::new() }
+}
+
+/// The boxes around those that touch; one around all if they are many.
+fn joined(boxes: Vec<SampleBox>) -> Vec<SampleBox> {
+    let mut parts: Vec<SampleBox> = Vec::new();
+    for mut own in boxes {
+        while let Some(k) = parts.iter().position(|part| part.touches(&own)) {
+            own = own.around(&parts.swap_remove(k));
+        }
+        parts.push(own);
+    }
+    if parts.len() > MOST_PARTS {
+        return parts.into_iter().reduce(|a, b| a.around(&b)).into_iter().collect();
+    }
+    parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn case(data: &str) -> Case {
+        let text = format!(
+            "[[axis]]\nx = {{ lower = -1, upper = 1, cells = 20 }}\n\
+             v = {{ lower = -1.2, upper = 1.2, cells = 16 }}\n\
+             [[potential]]\nvalue = 0\n{data}\n[time]\nend = 2\n[solver]\ntolerance = 1e-3\n"
+        );
+        Case::parse("narrow", &text, &[]).expect("a case")
+    }
+
+    fn found(case: &Case, end: Option<AxisEnd>) -> Vec<SampleBox> {
+        narrow_parts(&SourceFormula::new(case, end), &SampleBox::whole(&case.space, 0.0))
+    }
+
+    /// However narrow they are, and beside anything else; what samples show is not.
+    #[test]
+    fn narrow_parts_are_found_and_nothing_else_is() {
+        let cloud = "exp(-((x + 0.3)^2 + (v - 0.3)^2)/0.09)";
+        let beam = |x: f64, v: f64, width: f64, mass: f64| {
+            let height = mass / (width * width);
+            format!("{height:e}*exp(-((x - {x:?})^2 + (v - {v:?})^2)/{:e})", width * width)
+        };
+        let box_of = |x: f64, v: f64, half: f64| {
+            format!("(900 if abs(x - {x:?}) < {half:e} && abs(v - {v:?}) < {half:e} else 0)")
+        };
+        let [one, two] = [beam(-0.37, 0.77, 3e-3, 0.0225), beam(0.611, -0.9, 1e-4, 0.01)];
+        let rows: [(String, &[[f64; 2]]); 10] = [
+            (cloud.to_owned(), &[]),
+            ("1".to_owned(), &[]),
+            ("0".to_owned(), &[]),
+            ("sin(300*x)*cos(170*v)".to_owned(), &[]),
+            ("1 + x*v - x*v^2 + (x - v)*(x + v)".to_owned(), &[]),
+            (beam(-0.37, 0.77, 3e-3, 1e-7) + "+" + cloud, &[]),
+            (format!("{cloud} + {one}"), &[[-0.37, 0.77]]),
+            (format!("{one} + {two} + x*v - 0.3*x*v^2"), &[[-0.37, 0.77], [0.611, -0.9]]),
+            (two.clone(), &[[0.611, -0.9]]),
+            (box_of(0.2031, 0.0177, 2e-4) + "+ 0.01", &[[0.2031, 0.0177]]),
+        ];
+        for (f, places) in rows {
+            let case = case(&format!("[initial]\nf = \"{f}\""));
+            let parts = found(&case, None);
+            assert_eq!(parts.len(), places.len(), "{f}: {parts:?}");
+            for place in places {
+                let point = [place[0], place[1], 0.0, 0.0, 0.0, 0.0];
+                let around = |part: &SampleBox| {
+                    part.contains(&point) && part.upper[0] - part.lower[0] < 0.05
+                };
+                assert!(parts.iter().any(around), "{f}: {parts:?}");
+            }
+        }
+    }
+
+    /// The time takes the place of the axis through whose end it enters.
+    #[test]
+    fn short_pulses_of_inflow_are_found() {
+        let pulse = "1 + 4e5*exp(-((t - 1.3)^2 + (v - 0.5)^2)/1e-6)";
+        let data = format!("[initial]\nf = 0\n[inflow]\nvalue = \"{pulse}\"");
+        let case = case(&data);
+        let parts = found(&case, Some(AxisEnd { axis: 0, upper: false }));
+        let [part] = &parts[..] else { panic!("{parts:?}") };
+        assert!(part.contains(&[1.3, 0.5, 0.0, 0.0, 0.0, 0.0]), "{part:?}");
+        assert!(part.upper[0] - part.lower[0] < 0.02, "{part:?}");
+        let constant = self::case("[initial]\nf = 0\n[inflow]\nvalue = \"1 + x*v\"");
+        assert!(found(&constant, Some(AxisEnd { axis: 0, upper: true })).is_empty());
+    }
+
+    /// In three dimensions, too.
+    #[test]
+    fn narrow_parts_are_found_on_six_axes() {
+        let axis = "[[axis]]\nx = { lower = -1, upper = 1, cells = 4 }\n\
+                    v = { lower = -1, upper = 1, cells = 4 }\n";
+        let centre = [0.31, -0.22, 0.57, 0.13, 0.41, -0.68];
+        let squares = ["x", "y", "z", "vx", "vy", "vz"].iter().zip(centre);
+        let squares: Vec<String> = squares.map(|(name, at)| format!("({name} - {at})^2")).collect();
+        let f = format!("1 + 1e5*exp(-({})/0.01)", squares.join("+").replace("- -", "+ "));
+        let text = axis.repeat(3)
+            + &format!("[[potential]]\nvalue = 0\n[initial]\nf = \"{f}\"\n[time]\nend = 1\n");
+        let case = Case::parse("narrow", &text, &[]).expect("a case");
+        let parts = found(&case, None);
+        let [part] = &parts[..] else { panic!("{parts:?}") };
+        assert!(part.contains(&centre), "{part:?}");
+    }
+}

@@ -1,0 +1,158 @@
+//! Boxes and quasi-random sequences from which particles are drawn.
+
+use crate::base::random::uniform;
+use crate::problem::case::Case;
+use crate::problem::grid::{AxisEnd, MAX_DIMENSION, PhaseSpace};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+/// The largest number of coordinates of a point: those of phase space. For an end of an axis, time
+/// replaces that axis.
+pub const MOST_DIMENSIONS: usize = 2 * MAX_DIMENSION;
+
+/// A point by its coordinates along the axes; those beyond their number are 0.
+pub type SamplePoint = [f64; MOST_DIMENSIONS];
+
+/// A box in phase space, by its ends along the `2n` axes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SampleBox {
+    /// Lower ends.
+    pub lower: Vec<f64>,
+    /// Upper ends.
+    pub upper: Vec<f64>,
+}
+
+impl SampleBox {
+    /// The whole of `space`, with the velocities extended on each side by the fraction `margin` of
+    /// their width.
+    pub fn whole(space: &PhaseSpace, margin: f64) -> Self {
+        let n = space.dimension();
+        let part = |a: usize| if a < n { 0.0 } else { margin };
+        let axes = || space.axes().enumerate();
+        Self {
+            lower: axes().map(|(a, x)| x.lower - part(a) * (x.upper - x.lower)).collect(),
+            upper: axes().map(|(a, x)| x.upper + part(a) * (x.upper - x.lower)).collect(),
+        }
+    }
+
+    /// The points at which particles enter through an `end` of the box: the time takes the place of
+    /// its axis.
+    pub fn of_inflow(case: &Case, end: AxisEnd) -> Self {
+        let mut found = Self::whole(&case.space, 0.0);
+        (found.lower[end.axis], found.upper[end.axis]) = (0.0, case.end);
+        found
+    }
+
+    /// The place of the point `unit` of the unit cube, along the first `dimensions` axes.
+    pub fn at(&self, unit: &SamplePoint, dimensions: usize) -> SamplePoint {
+        let mut place = [0.0; MOST_DIMENSIONS];
+        for (a, at) in place.iter_mut().enumerate().take(dimensions) {
+            *at = self.lower[a] + unit[a] * (self.upper[a] - self.lower[a]);
+        }
+        place
+    }
+
+    /// Whether `place` is in the box, without its upper ends.
+    pub fn contains(&self, place: &SamplePoint) -> bool {
+        let ends = self.lower.iter().zip(&self.upper);
+        ends.zip(place).all(|((lower, upper), at)| lower <= at && at < upper)
+    }
+
+    /// The centre of the box.
+    pub fn centre(&self) -> SamplePoint {
+        self.at(&[0.5; MOST_DIMENSIONS], self.lower.len())
+    }
+
+    /// The halves of the box along an axis.
+    pub fn halves(&self, axis: usize) -> [Self; 2] {
+        let middle = 0.5 * (self.lower[axis] + self.upper[axis]);
+        let (mut below, mut above) = (self.clone(), self.clone());
+        (below.upper[axis], above.lower[axis]) = (middle, middle);
+        [below, above]
+    }
+
+    /// Whether the box and another one have a common point, on their faces at least.
+    pub fn touches(&self, other: &Self) -> bool {
+        let meets = |a: usize| self.lower[a] <= other.upper[a] && other.lower[a] <= self.upper[a];
+        (0..self.lower.len()).all(meets)
+    }
+
+    /// The least box around this one and another.
+    pub fn around(&self, other: &Self) -> Self {
+        let each = |of: fn(f64, f64) -> f64, a: &[f64], b: &[f64]| {
+            a.iter().zip(b).map(|(a, b)| of(*a, *b)).collect()
+        };
+        Self {
+            lower: each(f64::min, &self.lower, &other.lower),
+            upper: each(f64::max, &self.upper, &other.upper),
+        }
+    }
+
+    /// `∏ (upper − lower)` over the axes for which `counts` is true.
+    pub fn volume(&self, counts: impl Fn(usize) -> bool) -> f64 {
+        let width = |a: usize| self.upper[a] - self.lower[a];
+        (0..self.lower.len()).filter(|a| counts(*a)).map(width).product()
+    }
+}
+
+/// The sequence of a replicate: the points `frac(s + k α)`, `k = 1, 2, …`, with `α_i = φ^{−i}`,
+/// `φ^{d+1} = φ + 1` (M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018:
+/// the additive recurrence of low discrepancy in `d` dimensions) and a random shift `s`. Sequences
+/// of different seeds are independent and unbiased.
+pub struct SampleSequence {
+    shift: Vec<f64>,
+    step: Vec<f64>,
+    /// Where resampling of its points begins, in `[0, 1)`.
+    pub offset: f64,
+}
+
+impl SampleSequence {
+    /// The sequence of the replicate with this `seed` in `dimensions` dimensions.
+    pub fn new(dimensions: usize, seed: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut root: f64 = 2.0;
+        for _ in 0..64 {
+            root = (1.0 + root).powf(1.0 / (dimensions + 1) as f64);
+        }
+        Self {
+            shift: (0..dimensions).map(|_| uniform(&mut random)).collect(),
+            step: (1..=dimensions).map(|i| root.powi(-(i as i32))).collect(),
+            offset: uniform(&mut random),
+        }
+    }
+
+    /// Point `k` in the unit cube.
+    pub fn point(&self, k: usize) -> SamplePoint {
+        let mut point = [0.0; MOST_DIMENSIONS];
+        for (x, (shift, step)) in point.iter_mut().zip(self.shift.iter().zip(&self.step)) {
+            *x = (shift + (k + 1) as f64 * step).fract();
+        }
+        point
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sequences_fill_the_cube_evenly() {
+        for dimensions in 1..=MOST_DIMENSIONS {
+            let sequence = SampleSequence::new(dimensions, 3);
+            let count = 4096;
+            for axis in 0..dimensions {
+                let values = (0..count).map(|k| sequence.point(k)[axis]);
+                let mean: f64 = values.sum::<f64>() / f64::from(count as u32);
+                // Random points would be 4.5e-3 off.
+                assert!((mean - 0.5).abs() < 3e-3, "{dimensions} {axis}: {mean}");
+            }
+            // The part in which all coordinates are below 0.7.
+            let below = (0..count)
+                .filter(|k| sequence.point(*k)[..dimensions].iter().all(|x| *x < 0.7))
+                .count();
+            let expected = 0.7f64.powi(dimensions as i32);
+            let found = below as f64 / f64::from(count as u32);
+            assert!((found - expected).abs() < 0.01, "{dimensions}: {found} {expected}");
+        }
+    }
+}
