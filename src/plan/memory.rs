@@ -18,6 +18,7 @@ use crate::propagate::descriptor;
 use crate::propagate::evolution::MatrixShare;
 use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::BatchCoupling;
+use crate::quantum::measurement_window::transform_bytes;
 use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
@@ -87,9 +88,8 @@ pub const RANK_MODE_BYTES: u64 = 48;
 /// and copies of them.
 const TABLES_OF_A_MODE: u64 = 112;
 
-/// Bytes of a mode in the plan as text while the results are written, and before that in the series
-/// by which the window of a measurement is found.
-const TEXT_OF_A_MODE: u64 = 170;
+/// Bytes of a mode in the plan as text, while the results are written.
+const TEXT_OF_A_MODE: u64 = 40;
 
 /// Fewer modes are not listed.
 const MANY_MODES: usize = 4096;
@@ -384,7 +384,11 @@ impl<'a> FullestRank<'a> {
         ];
         if let Some(tables) = warp.and_then(tables_of_modes) {
             let modes = warp.map_or(0, |warp| warp.modes as u64);
-            list.extend([tables, NamedBytes::new("plan as text", TEXT_OF_A_MODE * modes)]);
+            list.extend([
+                tables,
+                NamedBytes::new("plan as text", TEXT_OF_A_MODE * modes),
+                NamedBytes::new("window of a measurement", transform_bytes(modes)),
+            ]);
         }
         list.extend(self.exact());
         list.extend(self.given());

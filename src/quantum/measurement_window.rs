@@ -15,6 +15,8 @@ use std::f64::consts::PI;
 /// The error in a window, in units of the tolerance that the profile is planned for at `p◇`.
 pub const WINDOW: f64 = 10.0;
 
+/// About this many samples lie in the shortest wave.
+const SAMPLES: usize = 8;
 /// Largest number of samples of a transform: 8 MiB.
 const LONGEST_TRANSFORM: usize = 1 << 20;
 
@@ -31,6 +33,15 @@ pub struct Deviation {
     step: f64,
     /// `|g(p) − e^{−p}|`.
     sizes: Vec<f64>,
+}
+
+/// Bytes of the transforms of a series with so many modes, which are kept: values, scratch and
+/// factors of a plan.
+pub fn transform_bytes(modes: u64) -> u64 {
+    /// As measured.
+    const OF_A_PAIR: u64 = 46;
+    let samples = (SAMPLES as u64 * modes).next_power_of_two().min(LONGEST_TRANSFORM as u64);
+    OF_A_PAIR * samples / 2
 }
 
 impl Deviation {
@@ -50,8 +61,6 @@ impl Deviation {
         point: f64,
         [growth, decay]: [f64; 2],
     ) -> Self {
-        /// About this many samples lie in the shortest wave.
-        const SAMPLES: usize = 8;
         let (lower, samples) = (point - growth, (SAMPLES * series.modes()).next_power_of_two());
         let step = series.period / samples as f64;
         let reach = ((growth + Self::LONGEST + decay) / step).ceil() as usize + 2;

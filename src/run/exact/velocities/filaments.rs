@@ -3,14 +3,12 @@
 use crate::parallel::communicator::Group;
 use crate::problem::grid::MAX_DIMENSION;
 use crate::run::exact::velocities::cells::CellAverages;
-use crate::run::exact::velocities::limits::{COMPARED, FINER};
+use crate::run::exact::velocities::limits::{COMPARED, FINER, MORE_POINTS};
 use crate::run::exact::velocities::panels::{PanelRule, points_of};
 use crate::run::exact::velocities::places::at_all;
 
 /// Largest difference between them, relative to the density (L1), if the points allow it.
 const UNSEEN: f64 = 1e-4;
-/// All integrals together may begin with so many times the points that they may take otherwise.
-const MORE_POINTS: usize = 4;
 
 /// Places at which densities by different integrals are compared: the densest of some, and some
 /// at equal distances, as filaments that are not seen may lie where nothing is seen.

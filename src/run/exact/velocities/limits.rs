@@ -25,6 +25,9 @@ pub const TRIALS: [usize; MAX_DIMENSION] = [0, 3, 2];
 const CELLS: usize = 4;
 /// Largest number of velocity cells of a panel along an axis, if `V` has one formula.
 const MANY_CELLS: usize = 8;
+/// After a search for filaments all integrals together may begin with so many times the points that
+/// they may take otherwise.
+pub const MORE_POINTS: usize = 4;
 /// Integrals are compared with those that begin with so many times the panels, for filaments.
 pub const FINER: usize = 4;
 /// Number of equidistant places at which they are compared, and twice that of the densest.
@@ -32,8 +35,9 @@ pub const COMPARED: usize = 8;
 /// Points a cell of phase space that all integrals together may take, if that is more than
 /// [`POINTS_IN_ALL`].
 const POINTS_PER_CELL: usize = 3;
-/// Cells that all paths together may pass, where they pass many: about half a minute on one core.
-pub const MOST_STEPS: f64 = 2e8;
+/// Cells that the paths of the first panels of all integrals may pass together, where they pass
+/// many: a minute or two on one core, with the panels that are halved.
+pub const MOST_STEPS: f64 = 5e7;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.
 pub const ACROSS: usize = 2;
