@@ -18,6 +18,7 @@ pub mod bessel;
 pub mod chebyshev;
 pub mod classical;
 pub mod commutator_free;
+mod elimination;
 pub mod evolution;
 mod gmres;
 pub mod implicit;

@@ -130,7 +130,6 @@ fn implicit_steps(world: &World) {
         let few = [1, 2, 50].map(|steps| {
             let implicit = Implicit::new(parts.evolution.matrix, order, false);
             let mut implicit = implicit.expect("the pattern is analysed");
-            // The memory for the factors grows with the first modes.
             of_a_batch(&mut parts, &mut implicit, steps);
             of_a_batch(&mut parts, &mut implicit, steps)
         });

@@ -126,6 +126,8 @@ pub struct AssembledSize {
     pub inflow_rows_per_cell: f64,
     /// Bytes of the sources of a time-dependent inflow for each cell of the block.
     pub source_bytes_per_cell: f64,
+    /// Bytes of the factors of an implicit method over those estimated before; 1 without factors.
+    pub factors_over_estimate: f64,
 }
 
 /// The growth that weights and inflow may have. `grows` tells whether the interface law grows

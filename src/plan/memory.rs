@@ -18,7 +18,6 @@ use crate::propagate::descriptor;
 use crate::propagate::evolution::MatrixShare;
 use crate::propagate::intermediate_moments::IntermediateMoments;
 use crate::propagate::method::BatchCoupling;
-use crate::quantum::measurement_window::transform_bytes;
 use crate::scheme::reduce::grid;
 use crate::schrodingerization::warp_plan::WarpPlan;
 use num_complex::Complex64;
@@ -387,7 +386,7 @@ impl<'a> FullestRank<'a> {
             list.extend([
                 tables,
                 NamedBytes::new("plan as text", TEXT_OF_A_MODE * modes),
-                NamedBytes::new("window of a measurement", transform_bytes(modes)),
+                NamedBytes::new("window of a measurement", window_bytes(modes)),
             ]);
         }
         list.extend(self.exact());
@@ -639,6 +638,15 @@ fn tables_of_modes(warp: &WarpPlan) -> Option<NamedBytes> {
     let each = TABLES_OF_A_MODE + 8 * (warp.different_legs() as u64).saturating_sub(1);
     let bytes = each * warp.modes as u64;
     (warp.modes > MANY_MODES).then(|| NamedBytes::new("tables of the modes", bytes))
+}
+
+/// Bytes of the transforms by which the window of a measurement is found, which are kept: values,
+/// scratch and factors of eight samples a mode, up to a number (`quantum::measurement_window`).
+fn window_bytes(modes: u64) -> u64 {
+    const SAMPLES: u64 = 8;
+    const MOST_SAMPLES: u64 = 1 << 20;
+    const OF_TWO_SAMPLES: u64 = 46;
+    OF_TWO_SAMPLES * (SAMPLES * modes).next_power_of_two().min(MOST_SAMPLES) / 2
 }
 
 /// Rows with inflow of a block of `cells` cells, at most.

@@ -22,12 +22,13 @@ use crate::base::error::{Error, Result};
 use crate::base::memory::NamedBytes;
 use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::lanes::{LANES, Lanes};
+use crate::propagate::elimination::Elimination;
 use crate::propagate::evolution::{BatchSpec, Evolution, InitialState, MatrixShare};
 use crate::propagate::local_factors::ShiftedMode;
 use crate::propagate::method::{
     BatchCoupling, BatchReport, Descriptor, ModeDemand, Propagator, PropagatorSetting, RunWork,
 };
-use crate::propagate::shifted::{REFINEMENTS, RESTART, ShiftedSolver, factor_bytes};
+use crate::propagate::shifted::{REFINEMENTS, RESTART, ShiftedSolver, factor_bytes_per_row};
 use num_complex::Complex64;
 
 /// Crank–Nicolson (order 2) or backward Euler (order 1), with the scratch of one rank.
@@ -45,8 +46,8 @@ pub struct Implicit {
 
 /// Number of complex vectors of the matrix's length.
 fn vectors(split: bool) -> usize {
-    // w and z; residual, preconditioned vector and basis of the solver; workspace of the factors.
-    2 + 2 + 1 + if split { RESTART } else { REFINEMENTS } + 2
+    // w and z; residual, preconditioned vector and basis of the solver.
+    2 + 2 + 1 + if split { RESTART } else { REFINEMENTS }
 }
 
 impl Implicit {
@@ -101,7 +102,7 @@ impl Propagator for Implicit {
         let rows = system.matrix.rows();
         for l in (0..batch.modes).filter(|&l| initial.norms[l] > 0.0) {
             let mu = batch.wavenumbers[l];
-            self.system.factorise(system, ShiftedMode { shift: a, wavenumber: mu })?;
+            self.system.factorise(system, ShiftedMode { shift: a, wavenumber: mu });
             for (i, w) in self.mode[..rows].iter_mut().enumerate() {
                 *w = initial.state.row(i).lane(l);
             }
@@ -185,15 +186,20 @@ impl Descriptor for ImplicitMethod {
     }
 
     fn arrays(&self, share: &MatrixShare<'_>) -> Vec<NamedBytes> {
-        let &MatrixShare { rows, length, entries, .. } = share;
+        let &MatrixShare { case, bounds, mesh, rows, length, .. } = share;
         let vectors = vectors(share.mesh.blocks() > 1) as u64;
         let batch = 2 * size_of::<Lanes>() as u64 * rows;
-        let factors = 24 * entries + (factor_bytes(share) * rows as f64) as u64;
+        let measured = bounds.assembled.map_or(1.0, |found| found.factors_over_estimate);
+        let factors = measured * factor_bytes_per_row(case, bounds, mesh) * rows as f64;
         vec![
             NamedBytes::new(format!("batch of {LANES} modes"), batch),
             NamedBytes::new("vectors of the solver", vectors * 16 * length),
-            NamedBytes::new("factors (estimated)", factors),
+            NamedBytes::new("factors", factors as u64),
         ]
+    }
+
+    fn factor_bytes(&self, matrix: &BlockMatrix) -> Result<u64> {
+        Ok(Elimination::new(matrix)?.bytes())
     }
 
     fn summary(&self, work: &RunWork) -> String {

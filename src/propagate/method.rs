@@ -182,6 +182,14 @@ pub trait Descriptor: Sync {
     /// The propagator's arrays and their bytes.
     fn arrays(&self, share: &MatrixShare<'_>) -> Vec<NamedBytes>;
 
+    /// Bytes on this rank of what the propagator computes from `matrix` before it starts.
+    ///
+    /// # Errors
+    /// As [`propagator`](Self::propagator).
+    fn factor_bytes(&self, _matrix: &BlockMatrix) -> Result<u64> {
+        Ok(0)
+    }
+
     /// The method and its work as text.
     fn summary(&self, work: &RunWork) -> String;
 

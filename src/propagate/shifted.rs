@@ -2,8 +2,8 @@
 //!
 //! `G` is skew-Hermitian, so `M = I − aG` is normal, its eigenvalues lie on `1 + i[−a‖H‖, a‖H‖]`,
 //! `‖M⁻¹‖ ≤ 1`: a residual bounds the error. The part of `M` on this rank's rows has the same form.
-//! It is factorised by a sparse LU, whose symbolic part is done once. If one rank holds all of
-//! space, the factors solve the system; if space is split, they are the preconditioner (block
+//! It is factorised by a sparse LU, whose order of elimination is found once. If one rank holds all
+//! of space, the factors solve the system; if space is split, they are the preconditioner (block
 //! Jacobi) of restarted GMRES. Either way the residual of the whole system is computed and must
 //! fall below a limit.
 //!
@@ -12,7 +12,10 @@
 
 use crate::base::error::{Error, Result};
 use crate::matrix::block_matrix::BlockMatrix;
-use crate::propagate::evolution::{Evolution, MatrixShare};
+use crate::matrix::bounds::Bounds;
+use crate::parallel::partition::{ProcessMesh, largest_part};
+use crate::problem::case::Case;
+use crate::propagate::evolution::Evolution;
 use crate::propagate::gmres::{Gmres, ResidualNorms, length};
 use crate::propagate::local_factors::{LocalFactors, ShiftedMode};
 use num_complex::Complex64;
@@ -28,31 +31,31 @@ pub const RESTART: usize = 60;
 pub const REFINEMENTS: usize = 2;
 const MOST_ITERATIONS: usize = 3000;
 
-/// Peak bytes a row of the factors and their workspace beside the entries of the matrix, from
-/// measurements on grids of one to three dimensions and elements (docs/reliability.md). Not a
-/// bound; it is up to three times too large.
+/// Bytes of the factors for each row, estimated before the matrix is assembled, when their size is
+/// not yet known: mostly 0.8 to 1.3 times what they take (docs/numerics.md).
 ///
 /// The coupled unknowns form a grid of the x-axes, and of the v-axes along which a force acts. The
-/// fill-in is small for one axis. For two it grows with the shorter one, for more with the largest
-/// separator. Elements with a force have the more fill-in, the more nodes they have.
-pub fn factor_bytes(share: &MatrixShare<'_>) -> f64 {
-    let MatrixShare { case, bounds, mesh, .. } = share;
-    let x = case.space.x.iter().zip(&mesh.space).map(|(a, p)| a.cells.div_ceil(*p));
-    let mut lengths: Vec<f64> = x.map(|cells| cells as f64).collect();
-    let forced = case.space.v.iter().zip(bounds.forces).filter(|(_, acts)| *acts);
-    lengths.extend(forced.map(|(a, _)| a.cells as f64));
-    let nodes = case.space.x.iter().map(|axis| axis.nodes.degree + 1).max().unwrap_or(1) as f64;
+/// fill-in depends on the size of a layer across the longest axis. Elements with a force have the
+/// more fill-in, the more nodes they have. Jumps couple velocities along a face.
+pub fn factor_bytes_per_row(case: &Case, bounds: &Bounds, mesh: &ProcessMesh) -> f64 {
+    let space = &case.space;
+    let x = space.x.iter().zip(&mesh.space).map(|(axis, parts)| largest_part(axis, *parts));
+    let forced = space.v.iter().zip(bounds.forces).filter(|(_, acts)| *acts);
+    let lengths: Vec<usize> = x.chain(forced.map(|(axis, _)| axis.cells)).collect();
+    let longest = lengths.iter().copied().max().unwrap_or(1);
+    let layer = lengths.iter().product::<usize>() as f64 / longest as f64;
+    let nodes = space.x.iter().map(|axis| axis.nodes.count()).max().unwrap_or(1) as f64;
     let within = if bounds.has_forces() { nodes } else { 1.0 };
-    let longest = lengths.iter().copied().fold(1.0, f64::max);
-    let across = lengths.iter().product::<f64>() / longest;
     let fill = match lengths.len() {
-        1 => 0.0,
-        2 => 190.0 * across.powf(0.6) * (2.0 - across / longest) * within,
-        _ => 65.0 * across * 0.5 * (within + 1.0),
+        1 => 320.0,
+        2 => 200.0 * layer.powf(0.305) * within.powf(0.8),
+        3 => 89.0 * layer.powf(0.59) * within.sqrt(),
+        _ => 60.0 * layer.powf(0.82) * within.sqrt(),
     };
-    // Jumps couple velocities along a face.
-    let jumps = if bounds.jumps && case.space.dimension() > 1 { 1100.0 } else { 0.0 };
-    200.0 + jumps * nodes * nodes + fill
+    let dimension = space.dimension();
+    let velocities = (space.velocity_cells() as f64).powf(1.0 / dimension as f64);
+    let has_jumps = bounds.jumps && dimension > 1;
+    fill + if has_jumps { 57.0 * velocities * nodes } else { 0.0 }
 }
 
 /// Solves with `M`, for one `a` and `μ` at a time.
@@ -74,7 +77,7 @@ impl ShiftedSolver {
     /// The pattern of `matrix`, analysed; `split` says that space is split over ranks.
     ///
     /// # Errors
-    /// [`Error::Factors`] where memory or the range of indices does not suffice. Not collective.
+    /// [`Error::Factors`] where memory does not suffice. Not collective.
     pub fn new(matrix: &BlockMatrix, split: bool) -> Result<Self> {
         Ok(Self {
             local: LocalFactors::new(matrix)?,
@@ -82,13 +85,9 @@ impl ShiftedSolver {
         })
     }
 
-    /// Factorises `M` of `mode`. Collective over the space group.
-    ///
-    /// # Errors
-    /// [`Error::Factors`] on any rank.
-    pub fn factorise(&mut self, system: &Evolution<'_>, mode: ShiftedMode) -> Result<()> {
-        let done = self.local.factorise(system.matrix, mode);
-        system.space.agree(done)
+    /// Factorises `M` of `mode`.
+    pub fn factorise(&mut self, system: &Evolution<'_>, mode: ShiftedMode) {
+        self.local.factorise(system.matrix, mode);
     }
 
     /// `z ← M⁻¹ w`, `w` of norm at most `norm`; `w` and `z` have room for ghosts. Collective over

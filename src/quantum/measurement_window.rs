@@ -35,15 +35,6 @@ pub struct Deviation {
     sizes: Vec<f64>,
 }
 
-/// Bytes of the transforms of a series with so many modes, which are kept: values, scratch and
-/// factors of a plan.
-pub fn transform_bytes(modes: u64) -> u64 {
-    /// As measured.
-    const OF_A_PAIR: u64 = 46;
-    let samples = (SAMPLES as u64 * modes).next_power_of_two().min(LONGEST_TRANSFORM as u64);
-    OF_A_PAIR * samples / 2
-}
-
 impl Deviation {
     /// Longest window, in units of `p`. A longer one adds nothing visible to the probability.
     const LONGEST: f64 = 12.0;

@@ -18,6 +18,8 @@ use std::borrow::Cow;
 
 /// Largest number of cell updates for which the probe is made for a plan.
 const CHEAP_UPDATES: f64 = 1e8;
+/// Largest number of cells for which the factors of an implicit method are measured for a plan.
+const CHEAP_FACTORS: usize = 1 << 17;
 
 /// The plan of a run on `resources`. Growth and norms are measured on the ranks of `world` if that
 /// takes a fraction of a second, or if a plan is impossible without. Collective.
@@ -44,7 +46,8 @@ pub struct MeasuredCase {
 
 impl MeasuredCase {
     /// Measures growth and norms on the ranks of `world` if that takes a fraction of a second, or
-    /// if a plan is impossible without. Collective.
+    /// if a plan is impossible without; growth and factors of an implicit method if that takes
+    /// about a second. Collective.
     ///
     /// # Errors
     /// [`crate::base::error::Error::Memory`] if the case does not fit into `resources`; as
@@ -56,12 +59,15 @@ impl MeasuredCase {
         let updates = case.space.cells() as f64 * (bounds.rate * case.duration()).max(1.0);
         let is_unbounded = bounds.growth.is_infinite();
         let expected = bounds.clone();
-        if case.method == Method::Classical || (updates > CHEAP_UPDATES && !is_unbounded) {
+        let probes = updates <= CHEAP_UPDATES || is_unbounded;
+        let has_factors = case.propagator.method.order() > 0;
+        let measures = probes || (has_factors && case.space.cells() <= CHEAP_FACTORS);
+        if case.method == Method::Classical || !measures {
             return Ok(Self { case, expected, bounds, ratio: ASSUMED_RATIO, at_start: None });
         }
         refuse_too_large_here(world, &case)?;
         let mut prepared = Prepared::new(world, &case, &Resources::unlimited(world))?;
-        let ratio = prepared.probe();
+        let ratio = if probes { prepared.probe() } else { ASSUMED_RATIO };
         let at_start = at_start(&mut prepared).map(|found| found.totals);
         Ok(Self { case, expected, bounds: prepared.bounds, ratio, at_start })
     }

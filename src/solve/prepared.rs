@@ -7,10 +7,13 @@ use crate::matrix::bounds::{AssembledSize, Bounds};
 use crate::matrix::instruction_set::InstructionSet;
 use crate::matrix::lanes::Lanes;
 use crate::parallel::communicator::{Communicator, GhostExchange, Group, World};
+use crate::parallel::partition::ProcessMesh;
 use crate::plan::layout::Resources;
 use crate::plan::{Plan, ProvisionalPlan};
-use crate::problem::case::{Case, Integrator};
+use crate::problem::case::{Case, Integrator, Method};
 use crate::propagate::classical::{Classical, ClassicalSpan, ROUGH};
+use crate::propagate::descriptor;
+use crate::propagate::shifted::factor_bytes_per_row;
 use crate::propagate::time_dependent_inflow::TIME_SHARE;
 use crate::solve::rank_cells::RankCells;
 use crate::solve::system::{DiscreteSystem, RoughSolution, StateNorms, SystemLimits};
@@ -92,7 +95,10 @@ impl Prepared {
         let system = DiscreteSystem::new(case, bounds, &communicator, &rank_cells, limits)?;
         // Returns the memory of the assembly before the modes need theirs.
         memory::give_back();
-        let assembled = Some(assembled_size(&communicator.world, &system.matrix));
+        let all = &communicator.world;
+        let factors = factors_over_estimate(case, bounds, &plan.layout.mesh, all, &system.matrix)?;
+        let size = assembled_size(all, &system.matrix, factors);
+        let assembled = Some(size);
         Ok(Self {
             bounds: Bounds { assembled, ..system.bounds(&case.space, bounds) },
             case: case.clone(),
@@ -256,8 +262,29 @@ struct Probe {
     last: Option<Vec<f64>>,
 }
 
+/// Bytes of the factors of an implicit method on the fullest rank, over those estimated; 1 without
+/// factors. Collective.
+///
+/// # Errors
+/// As [`Descriptor::factor_bytes`](crate::propagate::method::Descriptor::factor_bytes).
+fn factors_over_estimate(
+    case: &Case,
+    bounds: &Bounds,
+    mesh: &ProcessMesh,
+    world: &Group,
+    matrix: &BlockMatrix,
+) -> Result<f64> {
+    let method = descriptor(case.propagator.method);
+    if case.method == Method::Classical || case.propagator.method.order() == 0 {
+        return Ok(1.0);
+    }
+    let bytes = world.max(world.agree(method.factor_bytes(matrix))? as f64);
+    let rows = world.max(matrix.rows() as f64);
+    Ok(bytes / (factor_bytes_per_row(case, bounds, mesh) * rows))
+}
+
 /// The size of `matrix` on the fullest rank of `world`. Collective.
-fn assembled_size(world: &Group, matrix: &BlockMatrix) -> AssembledSize {
+fn assembled_size(world: &Group, matrix: &BlockMatrix, factors: f64) -> AssembledSize {
     let largest = |number: usize, of: usize| world.max(number as f64 / of.max(1) as f64);
     let assembly = matrix.assembly;
     AssembledSize {
@@ -267,5 +294,6 @@ fn assembled_size(world: &Group, matrix: &BlockMatrix) -> AssembledSize {
         contributions_per_row: world.max(assembly.contributions_per_row),
         inflow_rows_per_cell: largest(matrix.inflow.len(), matrix.block.cells()),
         source_bytes_per_cell: largest(matrix.entering.bytes(), matrix.block.cells()),
+        factors_over_estimate: factors,
     }
 }
