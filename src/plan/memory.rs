@@ -90,7 +90,7 @@ const TABLES_OF_A_MODE: u64 = 112;
 /// Bytes of a mode in the plan as text, while the results are written.
 const TEXT_OF_A_MODE: u64 = 40;
 
-/// Fewer modes are not listed.
+/// Tables of at most so many modes are not listed.
 const MANY_MODES: usize = 4096;
 
 /// Bytes of `modes` modes that a rank stores, of `rows` rows each.
@@ -417,6 +417,10 @@ impl<'a> FullestRank<'a> {
             };
             buffers = exchanged.buffer_bytes();
             list.push(NamedBytes::new("kept modes", rank_modes_bytes(self.rows(), most as u64)));
+            if warp.modes > MANY_MODES {
+                let bytes = window_bytes(warp.modes as u64);
+                list.push(NamedBytes::new("window of a measurement", bytes));
+            }
             list.push(NamedBytes::new("buffers of the transpose", buffers));
             if case.warped_start.is_some() {
                 list.push(NamedBytes::new("start between its points", line_bytes(points as u64)));

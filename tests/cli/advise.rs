@@ -463,7 +463,7 @@ fn unreachable_accuracies_are_refused() {
         ),
         (
             vec!["--accuracy", "1e-1", "--set", BEAM],
-            &["does not resolve", "of them, near x = -0.3", "wide along"],
+            &["does not resolve", "of the data, near x = -0.3", "wide along"],
         ),
     ];
     check_all(&rows, |(arguments, wording)| {

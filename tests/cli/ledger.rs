@@ -40,7 +40,7 @@ struct Loss<'a> {
 }
 
 /// A beam between all nodes, with a fifth of the mass and nearly all of the norm of `f`: the ledger
-/// has its mass, particles show that the grid misses it, and so does the inflow of a short pulse.
+/// has its mass, and particles show that the grid misses it. A short pulse of inflow is in the ledger.
 #[test]
 fn narrow_beams_and_pulses_are_not_overlooked() {
     let cloud = "exp(-((x + 0.3)^2 + (v - 0.3)^2)/0.09)";
@@ -593,7 +593,7 @@ fn mass_that_measure_valued_data_lose_gives_a_warning() {
         let found = summary.warnings();
         summary
             .require((share > 0.04) == *lost && share > -0.02, || format!("{share}: {found}"))?;
-        let words = ["is gone that should still be in the box", "more cells or a higher"];
+        let words = ["is missing that should be in the box", "more cells or a higher"];
         summary.require(words.iter().all(|words| found.contains(words) == *lost), || found)
     });
 }

@@ -289,7 +289,7 @@ fn plans_and_runs_choose_the_same_mesh() {
             if fastest < 1.0 / FASTER {
                 return Err(format!("{name} {settings:?} on {ranks} ranks: {}", plan["advice"]));
             }
-            if *ranks == 8 {
+            if [3, 8].contains(ranks) {
                 same("--calibrate", mesh_of(&planned(&["--ranks", &number, "--calibrate"])?))?;
             }
             if *ranks > 4 {

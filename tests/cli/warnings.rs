@@ -234,7 +234,7 @@ fn narrow_data_give_a_warning() {
     ];
     check_all(&rows, |(name, grid, settings, warns)| {
         let finished = check(name).set(grid).set(settings).succeed()?;
-        let found = ["initial data: the grid does not resolve ", "% of them, near x = -0.3"];
+        let found = ["initial data: the grid does not resolve ", "% of the data, near x = -0.3"];
         let found = found.iter().all(|words| finished.output.contains(words));
         let any = finished.output.contains("initial data: the grid does not resolve");
         require(found == *warns && any == *warns, &finished, || format!("warns: {found} {any}"))

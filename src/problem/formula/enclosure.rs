@@ -2,9 +2,9 @@
 //!
 //! Each operation maps intervals that contain its operands to one that contains its values, so that
 //! no value between samples is overlooked (R. E. Moore, R. B. Kearfott, M. J. Cloud, "Introduction
-//! to Interval Analysis", SIAM 2009). The bounds are exact where each coordinate occurs once, and
-//! wider where one occurs several times: by an amount that falls with the width of the box. They
-//! are not rounded outwards, and hold up to round-off.
+//! to Interval Analysis", SIAM 2009). The bounds are mostly exact where each coordinate occurs
+//! once, and wider where one occurs several times: by an amount that falls with the width of the
+//! box. They are not rounded outwards, and hold up to round-off.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -78,18 +78,22 @@ impl Enclosure {
 
     /// The values of an operator that is monotone in each operand while the other one is fixed.
     fn at_corners(a: &Self, b: &Self, of: impl Fn(f64, f64) -> f64) -> Self {
+        // What is missing stays missing: it is a NaN of its own.
+        let may_be_missing = a.may_be_missing || b.may_be_missing;
         if a.is_empty() || b.is_empty() {
-            return Self::NONE;
+            return Self { may_be_missing, ..Self::NONE };
         }
         let corners = [a.lower, a.upper].map(|x| [b.lower, b.upper].map(|y| of(x, y)));
-        Self::around(corners.into_iter().flatten())
+        Self { may_be_missing, ..Self::around(corners.into_iter().flatten()) }
     }
 
     /// The values of the function `of` with a `course`.
     pub(super) fn function(&self, course: Course, of: fn(f64) -> f64) -> Self {
-        if self.is_empty() {
-            return Self::NONE;
-        }
+        let found = if self.is_empty() { Self::NONE } else { self.of_course(course, of) };
+        Self { may_be_missing: self.may_be_missing, ..found }
+    }
+
+    fn of_course(&self, course: Course, of: fn(f64) -> f64) -> Self {
         let Self { lower, upper, .. } = *self;
         let ends = [of(lower), of(upper)];
         // Beyond its domain a function is undefined: it is bounded on one side only.
@@ -222,7 +226,8 @@ impl Enclosure {
     /// The values of `a if condition`.
     pub(super) fn value_if(a: &Self, condition: &Self) -> Self {
         let value = if condition.is_never_true() { Self::NONE } else { *a };
-        Self { may_be_missing: !condition.is_always_true(), ..value }
+        let may_be_missing = a.may_be_missing || !condition.is_always_true();
+        Self { may_be_missing, ..value }
     }
 
     /// The values of `a else b`.
@@ -240,7 +245,7 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
 
     /// Formulas of `x` and `v` with every operator and function, some undefined in places.
-    const FORMULAS: [&str; 40] = [
+    const FORMULAS: [&str; 42] = [
         "x + v - 0.3*x/v",
         "x*v - v*x^2 + 1",
         "(x - 0.3)^2 + (v + 0.2)^2",
@@ -277,6 +282,8 @@ mod tests {
         "1 if x < 0.5 || v > -0.5 else 0",
         "1 if !(x < 0.5) else 0.5*v",
         "x if !v else 7",
+        "x if x < 0 if v > 0 else -3",
+        "((x if x < 0) + 1) else 3",
         "+x - -v",
         "-x^2",
         "1/x^2",

@@ -67,8 +67,8 @@ fn warnings_begin_at_one_percent() {
             |l| (l.mass.left_estimate, l.mass.lost) = (None, Some(-0.1)),
             "there is 5.00 % more of it at the end",
         ),
-        (|l| l.mass.lost = Some(1.9), "18.95 % of it is gone that should still be"),
-        (|l| l.mass.lost = Some(1.57), "2.45 % of it is gone that should still be"),
+        (|l| l.mass.lost = Some(1.9), "18.95 % of it is missing that should be"),
+        (|l| l.mass.lost = Some(1.57), "2.45 % of it is missing that should be"),
         (|l| l.mass.lost = Some(1.0), "26.05 % of it is in the box that should have left"),
         (|l| l.mass.entered = Some(0.2), "mass: 0.2 enters the grid, the formula gives an"),
         (
@@ -112,7 +112,7 @@ fn the_mass_of_measure_valued_data_adds_up() {
     };
     for (ledger, words) in [
         (open(0.69), ""),
-        (open(0.6), "4.50 % of it is gone that should still be in the box"),
+        (open(0.6), "4.50 % of it is missing that should be in the box"),
         (open(0.8), "5.50 % of it is in the box that should have left"),
         (closed(1.98), ""),
         (closed(1.9), "5.05 % of it is gone at the end, and space has no ends"),
@@ -133,7 +133,8 @@ fn the_mass_of_measure_valued_data_adds_up() {
 /// Data of the other sign have the same warnings.
 #[test]
 fn negative_data_are_gone_or_new_as_others() {
-    for (lost, words) in [(1.9, "is gone that should"), (1.1, "is in the box that should have")] {
+    for (lost, words) in [(1.9, "is missing that should"), (1.1, "is in the box that should have")]
+    {
         let mut ledger = sound();
         let mass = &mut ledger.mass;
         mass.lost = Some(lost);

@@ -128,7 +128,7 @@ impl Ledger {
             return None;
         }
         let gone_or_gained = if share * self.sign() > 0.0 {
-            "is gone that should still be in the box"
+            "is missing that should be in the box"
         } else {
             "is in the box that should have left, or should not have entered"
         };

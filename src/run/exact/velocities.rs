@@ -76,7 +76,10 @@ impl<'a> VelocityIntegrals<'a> {
         let mut rule = PanelRule::new(values_of, &case.space, time, panels_of(case));
         rule.max_points_per_integral = max_points_per_integral(case, positions as f64) as usize;
         (rule.max_points_in_all, rule.is_limited) = (max_points_in_all(case), is_limited(case));
-        rule.limit_paths((MOST_STEPS / values_of.steps(time)) as usize, positions);
+        let steps = values_of.steps(time);
+        if steps > 1.0 {
+            rule.limit_paths((MOST_STEPS / steps) as usize, positions);
+        }
         let places = centres(&case.space, SEARCHED[d]);
         let sizes = at_all(world, &places, |position| rule.size_at(position));
         rule.tolerance = TOLERANCE[d] * sizes.iter().copied().fold(0.0, f64::max);

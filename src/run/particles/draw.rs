@@ -139,7 +139,7 @@ impl<'a> ParticleSampler<'a> {
         let narrow = self.narrow.iter().find(|(of, _)| *of == source);
         let narrow = narrow.map_or(&[][..], |(_, parts)| parts);
         let mut drawn = self.draw_in(source, &self.bounds(source), &units, |at| {
-            !narrow.iter().any(|part| part.contains(at))
+            !narrow.iter().any(|part| part.contains(at, self.dimensions()))
         });
         for part in narrow {
             drawn.extend(self.draw_in(source, part, &units, |_| true));

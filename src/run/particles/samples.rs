@@ -52,9 +52,9 @@ impl SampleBox {
         place
     }
 
-    /// Whether `place` is in the box, without its upper ends.
-    pub fn contains(&self, place: &SamplePoint) -> bool {
-        let ends = self.lower.iter().zip(&self.upper);
+    /// Whether `place` is in the box, without its upper ends, along the first `dimensions` axes.
+    pub fn contains(&self, place: &SamplePoint, dimensions: usize) -> bool {
+        let ends = self.lower.iter().zip(&self.upper).take(dimensions);
         ends.zip(place).all(|((lower, upper), at)| lower <= at && at < upper)
     }
 

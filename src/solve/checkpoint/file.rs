@@ -260,7 +260,8 @@ impl RankFile {
             return Err(not_a_checkpoint());
         }
         let length = start[1] as usize;
-        let mut text = Vec::with_capacity(8 * length);
+        let mut text = Vec::new();
+        text.try_reserve_exact(8 * length).map_err(|_| not_a_checkpoint())?;
         read_words(&file, 2, length, |_, words| {
             text.extend(words.iter().flat_map(|w| w.to_le_bytes()));
         })?;
