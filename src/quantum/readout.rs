@@ -38,8 +38,8 @@
 //! amplitude estimation of `P` of its own; that of a unitary flow takes nothing.
 //!
 //! A measurement of the x-register alone does not give the density: it finds the cell `i` with
-//! probability `Σ_j f_ij²/C_f²` (the paper's last remark there; with volumes `Σ_j π_ij f_ij²/C_f²`),
-//! reported as `basis_probability`.
+//! probability `Σ_j f_ij²/C_f²` (the paper's last remark there), with volumes
+//! `Σ_j π_ij f_ij²/C_f²`, reported as `basis_probability`.
 
 pub mod files;
 pub mod measurement;

@@ -40,8 +40,9 @@ pub(crate) fn narrow_data(case: &Case, least: f64) -> Option<String> {
     let at =
         axes.map(|((along, name), at)| format!("{name} = {}", coordinate_text(at, along.width())));
     Some(format!(
-        "initial data: the grid does not resolve {} of the data, near {}, in a part that is {} wide \
-         along {}; take at least {} cells along it, or wider data: errors may not count this part",
+        "initial data: the grid does not resolve {} of the data, near {}, in a part that is {} \
+         wide along {}; take at least {} cells along it, or wider data: errors may not count this \
+         part",
         percent(share),
         at.collect::<Vec<_>>().join(", "),
         short(width),

@@ -40,7 +40,8 @@ struct Loss<'a> {
 }
 
 /// A beam between all nodes, with a fifth of the mass and nearly all of the norm of `f`: the ledger
-/// has its mass, and particles show that the grid misses it. A short pulse of inflow is in the ledger.
+/// has its mass, and particles show that the grid misses it. A short pulse of inflow is in the
+/// ledger.
 #[test]
 fn narrow_beams_and_pulses_are_not_overlooked() {
     let cloud = "exp(-((x + 0.3)^2 + (v - 0.3)^2)/0.09)";

@@ -47,10 +47,10 @@ use crate::run::exact::velocities::cells::CellAverages;
 use crate::run::exact::velocities::filaments::{ComparedPlaces, SeenFilaments};
 use crate::run::exact::velocities::grid_rule::GridRule;
 use crate::run::exact::velocities::limits::{
-    MOST_STEPS, PART_FOR_FORMULAS, SEARCHED, TOLERANCE, TRIALS, is_limited, max_points_in_all,
-    max_points_per_integral, panels_of, points_across,
+    MORE_POINTS, MOST_STEPS, PART_FOR_FORMULAS, SEARCHED, TOLERANCE, TRIALS, is_limited,
+    max_points_in_all, max_points_per_integral, panels_of, points_across,
 };
-use crate::run::exact::velocities::panels::{PanelRule, VelocityIntegral};
+use crate::run::exact::velocities::panels::{PanelRule, VelocityIntegral, points_of};
 use crate::run::exact::velocities::places::{at_all, centres};
 
 /// The exact solution at a time, to be integrated over the velocity box.
@@ -60,6 +60,14 @@ pub struct VelocityIntegrals<'a> {
     grid_rule: Option<GridRule>,
     /// Whether filaments are looked for within cells of degree 0.
     within_cells: bool,
+}
+
+/// Limits the points of a `rule` to so many `paths` for `positions` integrals together, also in a
+/// search for filaments, but to no fewer than twice those that each begins with.
+fn limit_paths(rule: &mut PanelRule<'_>, paths: usize, positions: usize) {
+    let each = (paths / positions.max(1)).max(2 * points_of(&rule.panels));
+    rule.max_points_per_integral = rule.max_points_per_integral.min(each);
+    rule.max_points_in_all = rule.max_points_in_all.min(paths / MORE_POINTS);
 }
 
 impl<'a> VelocityIntegrals<'a> {
@@ -78,7 +86,7 @@ impl<'a> VelocityIntegrals<'a> {
         (rule.max_points_in_all, rule.is_limited) = (max_points_in_all(case), is_limited(case));
         let steps = values_of.steps(time);
         if steps > 1.0 {
-            rule.limit_paths((MOST_STEPS / steps) as usize, positions);
+            limit_paths(&mut rule, (MOST_STEPS / steps) as usize, positions);
         }
         let places = centres(&case.space, SEARCHED[d]);
         let sizes = at_all(world, &places, |position| rule.size_at(position));

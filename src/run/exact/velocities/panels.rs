@@ -5,7 +5,6 @@ use crate::matrix::elements::products;
 use crate::matrix::observables::{MOMENTS, add_mass};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, for_each_cell};
 use crate::run::exact::solution::ExactValues;
-use crate::run::exact::velocities::limits::MORE_POINTS;
 
 /// Points of a panel along an axis.
 pub const POINTS: usize = 5;
@@ -126,15 +125,6 @@ impl<'a> PanelRule<'a> {
             unseen_part: 0.0,
             weights,
         }
-    }
-
-    /// Limits the points to so many `paths` for `positions` integrals together, also in a search for
-    /// filaments, but to no fewer than twice those that each begins with.
-    pub fn limit_paths(&mut self, paths: usize, positions: usize) {
-        let least = 2 * points_of(&self.panels);
-        let each = (paths / positions.max(1)).max(least);
-        self.max_points_per_integral = self.max_points_per_integral.min(each);
-        self.max_points_in_all = self.max_points_in_all.min(paths / MORE_POINTS);
     }
 
     /// The integral at a position.
