@@ -233,13 +233,21 @@ fn the_ledger_does_not_depend_on_ranks() {
 /// Deviations are reported by runs, and by `check` if they are known without a solve.
 #[test]
 fn deviations_are_reported_before_and_after() {
-    let units: &[&str] = &["axis.0.v={ lower=-1e6, upper=1e6, cells=80 }", "time.end=1e-7"];
+    let fast = "axis.0.v={ lower=-1e6, upper=1e6, cells=80 }";
+    let units: &[&str] =
+        &[fast, "time.end=1e-7", "initial.f=exp(-((x + 0.6)/0.3)^2 - ((v - 3e5)/2e5)^2)"];
+    let slow: &[&str] = &[fast, "time.end=1e-7"];
     let narrow: &[&str] = &["initial.f=exp(-((x + 0.6)/0.003)^2 - ((v - 0.7)/0.003)^2)"];
     let wide: &[&str] = &["initial.f=exp(-(x + 0.6)^2/0.01 - v^2)"];
     let hat: &[&str] = &["axis.0.x.cells=12", "axis.0.v.cells=10"];
     let rows: &[(&str, &[&str], &[&str])] = &[
         ("step_up.toml", units, &["the largest jump along x, 0.2, is", "units"]),
         ("step_up.toml", units, &["80 cells of 25000"]),
+        (
+            "step_up.toml",
+            slow,
+            &["does not resolve 100.00 % of the data", "along vx", "is missing"],
+        ),
         ("step_up.toml", narrow, &["mass: the grid holds", "more cells"]),
         ("step_up.toml", wide, &["mass: the initial data go beyond the velocity box"]),
         ("step_up.toml", hat, &["\"hat\" changes it by an estimated", "conservative"]),

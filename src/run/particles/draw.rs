@@ -17,6 +17,8 @@ use crate::run::particles::samples::{MOST_DIMENSIONS, SampleBox, SamplePoint, Sa
 
 /// Independent replicates of each source.
 pub const REPLICATES: usize = 16;
+/// A narrow part has one of so many points of a replicate, each for as many.
+const FEWER: usize = 2;
 /// Bits of a Morton key.
 const MORTON_BITS: u32 = 60;
 /// Coordinates of a particle: its point and its time.
@@ -135,14 +137,19 @@ impl<'a> ParticleSampler<'a> {
         sequence: &SampleSequence,
         numbers: impl Iterator<Item = usize>,
     ) -> Vec<Particle> {
-        let units: Vec<SamplePoint> = numbers.map(|k| sequence.point(k)).collect();
+        let (bounds, units) = (self.bounds(source), numbers.map(|k| sequence.point(k)));
         let narrow = self.narrow.iter().find(|(of, _)| *of == source);
-        let narrow = narrow.map_or(&[][..], |(_, parts)| parts);
-        let mut drawn = self.draw_in(source, &self.bounds(source), &units, |at| {
+        let Some((_, narrow)) = narrow else {
+            return self.draw_in(source, &bounds, units, |_| true);
+        };
+        let units: Vec<SamplePoint> = units.collect();
+        let mut drawn = self.draw_in(source, &bounds, units.iter().copied(), |at| {
             !narrow.iter().any(|part| part.contains(at, self.dimensions()))
         });
         for part in narrow {
-            drawn.extend(self.draw_in(source, part, &units, |_| true));
+            let some = units.iter().copied().step_by(FEWER);
+            let found = self.draw_in(source, part, some, |_| true).into_iter();
+            drawn.extend(found.map(|own| Particle { mass: FEWER as f64 * own.mass, ..own }));
         }
         drawn
     }
@@ -153,19 +160,19 @@ impl<'a> ParticleSampler<'a> {
         &self,
         source: ParticleSource,
         bounds: &SampleBox,
-        units: &[SamplePoint],
+        units: impl Iterator<Item = SamplePoint>,
         counts: impl Fn(&SamplePoint) -> bool,
     ) -> Vec<Particle> {
         let dimensions = self.dimensions();
-        let places = units.iter().map(|unit| bounds.at(unit, dimensions)).filter(counts);
+        if let ParticleSource::AtJumps(end) = source {
+            return units.filter_map(|unit| self.at_jump(end, bounds, &unit)).collect();
+        }
+        let places = units.map(|unit| bounds.at(&unit, dimensions)).filter(counts);
         match source {
-            ParticleSource::Initial => self.initial(bounds, places),
             ParticleSource::Entering(end) => {
                 places.filter_map(|place| self.entering(end, bounds, &place)).collect()
             }
-            ParticleSource::AtJumps(end) => {
-                units.iter().filter_map(|unit| self.at_jump(end, bounds, unit)).collect()
-            }
+            _ => self.initial(bounds, places),
         }
     }
 
