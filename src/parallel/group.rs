@@ -61,6 +61,11 @@ impl Group {
         self.communicator.as_raw()
     }
 
+    /// Replaces `values` by those of rank 0. Collective.
+    pub fn broadcast_words(&self, values: &mut [u64]) {
+        self.communicator.process_at_rank(0).broadcast_into(values);
+    }
+
     /// Rank 0's text, on every rank.
     pub fn broadcast_text(&self, text: &str) -> String {
         let root = self.communicator.process_at_rank(0);

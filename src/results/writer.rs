@@ -55,9 +55,9 @@ impl StoredText {
     /// A long text that rank 0 makes and keeps. Collective over `world`.
     pub fn of_first_rank(world: &Group, text: impl FnOnce() -> String) -> Self {
         let own = world.is_first().then(|| Self::of_all_ranks(text()));
-        let of_first = |of: fn(&Self) -> u64| world.sum_modulo(own.as_ref().map_or(0, of));
-        let (length, checksum) = (of_first(|own| own.length as u64), of_first(|own| own.checksum));
-        let bytes = own.map_or(Vec::new(), |own| own.bytes);
+        let mut words = own.as_ref().map_or([0; 2], |own| [own.length as u64, own.checksum]);
+        world.broadcast_words(&mut words);
+        let ([length, checksum], bytes) = (words, own.map_or(Vec::new(), |own| own.bytes));
         Self { bytes, length: length as usize, checksum }
     }
 }

@@ -156,7 +156,6 @@ impl ExactTask<'_> {
         };
         let values = world.agree(values)?;
         let integrals = VelocityIntegrals::on_grid(world, values_of, case, time);
-        world.agree(self.in_time())?;
         let (moments, density_errors) = match integrals.grid_error() {
             Some(error) => {
                 let factors = VelocityFactors::new(space);
