@@ -12,5 +12,7 @@ pub mod formula;
 pub mod grid;
 pub mod legs;
 pub mod limits;
+pub mod narrow_parts;
 pub mod potential;
+pub mod sample_box;
 pub mod table;

@@ -12,6 +12,7 @@ use crate::problem::case::{
 };
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
+use crate::problem::limits::{MOST_WINDOW_SAMPLES, WINDOW_SAMPLES};
 use crate::problem::potential::Potential;
 use crate::problem::table::Table;
 use crate::propagate::descriptor;
@@ -645,12 +646,11 @@ fn tables_of_modes(warp: &WarpPlan) -> Option<NamedBytes> {
 }
 
 /// Bytes of the transforms by which the window of a measurement is found, which are kept: values,
-/// scratch and factors of eight samples a mode, up to a number (`quantum::measurement_window`).
+/// scratch and factors, as measured.
 fn window_bytes(modes: u64) -> u64 {
-    const SAMPLES: u64 = 8;
-    const MOST_SAMPLES: u64 = 1 << 20;
     const OF_TWO_SAMPLES: u64 = 46;
-    OF_TWO_SAMPLES * (SAMPLES * modes).next_power_of_two().min(MOST_SAMPLES) / 2
+    let samples = (WINDOW_SAMPLES as u64 * modes).next_power_of_two();
+    OF_TWO_SAMPLES * samples.min(MOST_WINDOW_SAMPLES as u64) / 2
 }
 
 /// Rows with inflow of a block of `cells` cells, at most.

@@ -12,6 +12,13 @@ pub const MOST_MODES: usize = 1 << 22;
 /// Largest number `N_p` of points in `p`.
 pub const MOST_POINTS: usize = 2 * MOST_MODES - 2;
 
+/// Samples of a series by modes in its shortest wave, about, by which the window of a measurement
+/// is found.
+pub const WINDOW_SAMPLES: usize = 8;
+
+/// Largest number of these samples that are transformed together: 8 MiB.
+pub const MOST_WINDOW_SAMPLES: usize = 1 << 20;
+
 /// Number of coordinates `[x, y, z, vx, vy, vz, t]` that a formula may use.
 pub const COORDINATES: usize = 7;
 

@@ -6,6 +6,7 @@
 //! the profile is planned for at `p◇`, and the field that is read from the whole window is within
 //! `ε_w` too.
 
+use crate::problem::limits::{MOST_WINDOW_SAMPLES, WINDOW_SAMPLES};
 use crate::schrodingerization::profile::series::Series;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
@@ -14,11 +15,6 @@ use std::f64::consts::PI;
 
 /// The error in a window, in units of the tolerance that the profile is planned for at `p◇`.
 pub const WINDOW: f64 = 10.0;
-
-/// About this many samples lie in the shortest wave.
-const SAMPLES: usize = 8;
-/// Largest number of samples of a transform: 8 MiB.
-const LONGEST_TRANSFORM: usize = 1 << 20;
 
 /// The difference of a series from `e^{−p}`. It is sampled upwards from the lower end of the domain
 /// of dependence of a reading, as far as a window may reach.
@@ -42,7 +38,7 @@ impl Deviation {
     /// The deviation of `series` for a window that begins at `point`; `growth` and `decay` are
     /// `Λ⁺` and `Λ⁻`.
     pub fn new(series: &Series, point: f64, reach: [f64; 2]) -> Self {
-        Self::by_transforms(LONGEST_TRANSFORM, series, point, reach)
+        Self::by_transforms(MOST_WINDOW_SAMPLES, series, point, reach)
     }
 
     /// The same by transforms of at most `longest` samples: of each so many-th one.
@@ -52,7 +48,8 @@ impl Deviation {
         point: f64,
         [growth, decay]: [f64; 2],
     ) -> Self {
-        let (lower, samples) = (point - growth, (SAMPLES * series.modes()).next_power_of_two());
+        let (lower, samples) =
+            (point - growth, (WINDOW_SAMPLES * series.modes()).next_power_of_two());
         let step = series.period / samples as f64;
         let reach = ((growth + Self::LONGEST + decay) / step).ceil() as usize + 2;
         let count = samples.min(reach);

@@ -268,6 +268,10 @@ pub fn hides_staircase(case: &Case) -> bool {
 pub const HIDDEN_VARIATION: &str = "V varies within cells, or jumps within a formula, which an \
                                     estimate does not see";
 
+/// What errors that are not measured may leave out, if the data are narrower than cells somewhere.
+pub const NARROW_DATA: &str = "the grid does not resolve a narrow part of the initial data, which \
+                               an estimate may not count";
+
 /// A larger relative error of the grid is large, whatever the algorithm's error.
 const LARGE_GRID_ERROR: f64 = 0.1;
 

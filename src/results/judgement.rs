@@ -3,10 +3,11 @@
 
 use crate::base::text::{rounded_down, short};
 use crate::problem::case::{Case, Data, Integrator, Method};
+use crate::problem::narrow_parts::unresolved_part;
 use crate::problem::potential::resolution::unresolved_on_finer_grids;
 use crate::results::accuracy::{
-    Accuracy, EstimatedErrors, GridErrorPair, HIDDEN_VARIATION, PARTS_OF_SPACE, STAIRCASE,
-    hides_staircase, is_large,
+    Accuracy, EstimatedErrors, GridErrorPair, HIDDEN_VARIATION, NARROW_DATA, PARTS_OF_SPACE,
+    STAIRCASE, hides_staircase, is_large,
 };
 use crate::results::summary::Summary;
 use crate::results::verdict::{FAR_ABOVE, MissedGoals, Verdict};
@@ -81,17 +82,7 @@ impl Summary {
     /// Sets what would help, and what is not known.
     fn set_advice(&mut self, case: &Case) {
         let accuracy = &mut self.accuracy;
-        // Cells of degree 0 are compared at their centres, by definition.
-        let is_integral = case.space.lowest_degree() > 0;
-        if let Some(shown) = accuracy.unmeasured_error().filter(|_| is_integral) {
-            let shown = short(rounded_down(100.0 * shown));
-            accuracy.unknown = Some(format!(
-                "particles show an error of f of at least {shown} %, of which [exact] measures the \
-                 smaller part: f varies between its points"
-            ));
-        } else if accuracy.is_estimated_only() && unresolved_on_finer_grids(case).is_some() {
-            accuracy.unknown = Some(HIDDEN_VARIATION.to_owned());
-        }
+        accuracy.unknown = doubt(accuracy, case);
         let of_density = accuracy.error_against_goal();
         if let Some((error, goal)) = of_density.zip(accuracy.goal) {
             accuracy.under_resolved = error > goal;
@@ -148,6 +139,26 @@ impl Summary {
             accuracy.advice = Some(what.to_owned());
         }
     }
+}
+
+/// What the errors of a run of `case` do not see.
+fn doubt(accuracy: &Accuracy, case: &Case) -> Option<String> {
+    // Cells of degree 0 are compared at their centres, by definition.
+    let is_integral = case.space.lowest_degree() > 0;
+    if let Some(shown) = accuracy.unmeasured_error().filter(|_| is_integral) {
+        let shown = short(rounded_down(100.0 * shown));
+        return Some(format!(
+            "particles show an error of f of at least {shown} %, of which [exact] measures the \
+             smaller part: f varies between its points"
+        ));
+    }
+    if accuracy.is_estimated_only() && unresolved_on_finer_grids(case).is_some() {
+        return Some(HIDDEN_VARIATION.to_owned());
+    }
+    // Random paths behind partial reflection begin at random points, and not where the data are.
+    let by_particles = accuracy.particles.field_mean.is_some() && !case.reflects();
+    let is_hidden = || unresolved_part(case).is_some_and(|part| part.matters(accuracy.goal));
+    (!accuracy.grid_measured && !by_particles && is_hidden()).then(|| NARROW_DATA.to_owned())
 }
 
 /// The goals that the run of `case` misses, by the errors of its summary.

@@ -5,10 +5,10 @@ use crate::problem::case::{Case, IdleInterval, Inflow, Region, TableOf};
 use crate::problem::exact::MOST_EXAMINED;
 use crate::problem::formula::Expression;
 use crate::problem::grid::{Axis, PhaseSpace, SPACE_NAMES, axis_names};
+use crate::problem::narrow_parts::{UnresolvedPart, unresolved_part};
 use crate::problem::potential::Potential;
 use crate::problem::potential::oblique::ObliqueEdge;
 use crate::problem::potential::resolution::{PotentialMismatch, largest_mismatches};
-use crate::run::particles::narrow_parts::{UnresolvedPart, unresolved_part};
 use crate::scheme::interface::rest_face::{WITH_REST_ON_A_FACE, allows_elements};
 
 /// Largest part of an axis beyond the ends of a table, where it is constant, without a warning.
@@ -20,7 +20,7 @@ pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
     let of_formulas =
         largest_mismatches(case).into_iter().map(|found| between_points(case, &found));
     of_formulas
-        .chain(narrow_data(case, 0.0).or_else(|| variation_in_cells(case)))
+        .chain(narrow_data(case, None).or_else(|| variation_in_cells(case)))
         .chain(idle_degree(case))
         .chain(idle_reflections(case))
         .chain(case.output.idle_intervals.iter().map(|idle| idle_interval(case, idle)))
@@ -28,23 +28,21 @@ pub(super) fn unresolved_parts(case: &Case) -> Vec<String> {
         .collect()
 }
 
-/// The warning of initial data in a part of the box that is narrower than cells, if more than
-/// `least` of them are there.
-pub(crate) fn narrow_data(case: &Case, least: f64) -> Option<String> {
+/// The warning of initial data in a part of the box that is narrower than cells, if it matters to a
+/// run to an `accuracy`.
+pub(crate) fn narrow_data(case: &Case, accuracy: Option<f64>) -> Option<String> {
     let UnresolvedPart { place, axis, width, elements, share } =
-        unresolved_part(case).filter(|part| part.share > least)?;
+        unresolved_part(case).filter(|part| part.matters(accuracy))?;
     let names = axis_names(case.space.dimension());
     // Measure-valued data are a density in space.
     let count = if case.is_measure_valued() { case.space.dimension() } else { names.len() };
-    let axes = case.space.axes().zip(&names).zip(place).take(count);
-    let at =
-        axes.map(|((along, name), at)| format!("{name} = {}", coordinate_text(at, along.width())));
+    let axes = case.space.axes().zip(names.iter().copied()).take(count);
     Some(format!(
         "initial data: the grid does not resolve {} of the data, near {}, in a part that is {} \
          wide along {}; take at least {} cells along it, or wider data: errors may not count this \
          part",
         percent(share),
-        at.collect::<Vec<_>>().join(", "),
+        coordinates_text(axes, &place),
         short(width),
         names[axis],
         count_text(elements),
@@ -113,11 +111,18 @@ fn between_points(case: &Case, found: &PotentialMismatch) -> String {
 
 /// A place in space, to a hundredth of a cell.
 fn at_point(space: &PhaseSpace, point: &[f64; 6]) -> String {
-    let axes = space.x.iter().zip(SPACE_NAMES).zip(point);
+    coordinates_text(space.x.iter().zip(SPACE_NAMES), point)
+}
+
+/// The coordinates of a place along some axes and their names, to a hundredth of a cell.
+fn coordinates_text<'a>(
+    axes: impl Iterator<Item = (&'a Axis, &'static str)>,
+    place: &[f64],
+) -> String {
     let text = |((axis, name), at): ((&Axis, &str), &f64)| {
         format!("{name} = {}", coordinate_text(*at, axis.width()))
     };
-    axes.map(text).collect::<Vec<_>>().join(", ")
+    axes.zip(place).map(text).collect::<Vec<_>>().join(", ")
 }
 
 /// The warning of an edge that is not along the axes.

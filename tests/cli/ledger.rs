@@ -67,6 +67,13 @@ fn narrow_beams_and_pulses_are_not_overlooked() {
         summary.require(shown.is_some_and(|error| error > 0.9), || format!("{shown:?}"))?;
         summary.require(summary.value["verdict"] != "resolved", || "resolved".to_owned())
     });
+    // Where particles are not followed, an estimate does not see the beam.
+    let reflecting = ["potential.1.reflection=0.5", "inflow.value=0.01", "exact={}", &beam];
+    let job = run("step_up.toml").set(&base).set(&["scheme.degree=2"]).set(&reflecting);
+    let summary = job.summary().unwrap();
+    let judged = [&summary.value["verdict"], &summary.value["accuracy"]["unknown"]];
+    assert_eq!(judged[0], "unknown", "{judged:?}");
+    assert!(judged[1].as_str().is_some_and(|why| why.contains("narrow part")), "{judged:?}");
     // 0.3 of mass in a millisecond, beside a thin stream.
     let pulse = "inflow.value=0.01 + 3e5*exp(-((t - 0.4)^2 + (v - 0.6)^2)/1e-6) if x < 0 else 0";
     let job = run("step_up.toml").set(&base).set(&[pulse, "scheme.degree=2", "exact={}"]);

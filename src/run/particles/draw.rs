@@ -12,8 +12,8 @@
 use crate::problem::case::{Case, Data};
 use crate::problem::exact::Tracer;
 use crate::problem::grid::{AxisEnd, MAX_DIMENSION};
-use crate::run::particles::narrow_parts::{SourceFormula, narrow_parts};
-use crate::run::particles::samples::{MOST_DIMENSIONS, SampleBox, SamplePoint, SampleSequence};
+use crate::problem::narrow_parts::{SourceFormula, narrow_parts};
+use crate::problem::sample_box::{MOST_DIMENSIONS, SampleBox, SamplePoint, SampleSequence};
 
 /// Independent replicates of each source.
 pub const REPLICATES: usize = 16;
@@ -391,6 +391,26 @@ mod tests {
         let found = entering(true);
         assert!((found / expected - 1.0).abs() < 2e-3, "{found} {expected}");
         assert_eq!(entering(false), 0.0);
+    }
+
+    /// Of measure-valued data only space counts, also where the velocity box is without 0.
+    #[test]
+    fn strata_of_measure_valued_data_do_not_overlap() {
+        let text = "[[axis]]\nx = { lower = -1, upper = 1, cells = 20 }\n\
+                    v = { lower = 0.3, upper = 0.9, cells = 16 }\n[[potential]]\nvalue = 0\n\
+                    [initial]\ndensity = \"1 + 2e3*exp(-(x - 0.2)^2/1e-8)\"\nvelocity = [\"0.6\"]\n\
+                    [time]\nend = 0.1\n[solver]\ntolerance = 1e-3\n";
+        let case = Case::parse("spike", text, &[]).expect("a case");
+        let flow = Tracer::new(&case).expect("V is finite").forward();
+        let within = SampleBox::whole(&case.space, 0.0);
+        let sampler = ParticleSampler::new(&case, within, &flow).with_narrow_parts();
+        let points = 1 << 12;
+        let sequence = SampleSequence::new(1, 1);
+        let drawn = sampler.draw(ParticleSource::Initial, &sequence, 0..points);
+        assert!(drawn.len() > points, "no part of its own: {}", drawn.len());
+        let mass = drawn.iter().map(|particle| particle.mass).sum::<f64>() / points as f64;
+        let expected = 2.0 + 2e3 * 1e-4 * std::f64::consts::PI.sqrt();
+        assert!((mass / expected - 1.0).abs() < 2e-3, "{mass} {expected}");
     }
 
     /// The initial data have the seeds 0 to 15, and no two replicates have one seed or one shift.

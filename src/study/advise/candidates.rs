@@ -34,8 +34,6 @@ const SMALLEST_TOLERANCE: f64 = 1e-12;
 const MOST_TOLERANCES: usize = 4;
 /// Grids of more elements of space than this are not searched for regions of `V` without a cell.
 const MOST_SEARCHED: usize = 1 << 17;
-/// Data in parts narrower than cells are at most this part of the accuracy.
-const NARROW_DATA: f64 = 0.5;
 /// Largest number of cells for which a plan is made.
 const MOST_CELLS: f64 = 1e11;
 /// Bytes a cell of runs by modes and of classical runs, for grids without a plan.
@@ -56,7 +54,7 @@ impl Study<'_> {
         let scheme = reached.scheme;
         let is_measured = self.trials.has_exact();
         let hidden = || (!is_measured).then(|| hidden_variation(target)).flatten();
-        let narrow = || narrow_data(target, NARROW_DATA * self.request.accuracy);
+        let narrow = || narrow_data(target, Some(self.request.accuracy));
         let unseen = vanished_region(target).or_else(hidden).or_else(narrow);
         let is_open = unseen.is_none() && reached.is_open();
         let wanted_budget = self.wanted.get(&scheme).copied().filter(|_| is_open);

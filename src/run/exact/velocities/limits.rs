@@ -36,7 +36,7 @@ pub const COMPARED: usize = 8;
 /// [`POINTS_IN_ALL`].
 const POINTS_PER_CELL: usize = 3;
 /// Cells that the paths of the first panels of all integrals may pass together, where they pass
-/// many: a minute or two on one core, with the panels that are halved.
+/// many. With the panels that are halved this takes half a minute on one core.
 pub const MOST_STEPS: f64 = 5e7;
 /// Points along an axis of a cell of degree 0 over which moments are averaged, if the limits allow
 /// it.

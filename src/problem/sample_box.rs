@@ -1,4 +1,4 @@
-//! Boxes and quasi-random sequences from which particles are drawn.
+//! Boxes in phase space and quasi-random sequences, at whose points formulas are sampled.
 
 use crate::base::random::uniform;
 use crate::problem::case::Case;
