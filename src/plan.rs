@@ -13,9 +13,9 @@
 //! Uses: schrodingerization, propagate, matrix, scheme, parallel, problem, base. Paper: sections
 //! 3.1 (interval and points in `p`) and 3.2 (cost).
 
-pub mod advice;
 pub mod balance;
 pub mod here;
+pub mod job_request;
 pub mod layout;
 pub mod memory;
 

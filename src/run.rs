@@ -38,19 +38,14 @@ mod vanishing;
 pub mod warnings;
 
 use crate::base::error::{Error, Result};
-use crate::base::log::eprint_wrapped;
 use crate::parallel::communicator::World;
 use crate::problem::case::Case;
-use crate::results::accuracy::Accuracy;
-use crate::results::continued_result::ContinuedResult;
 use crate::results::finished;
-use crate::results::summary::{self, Summary};
-use crate::results::verdict::MissedGoals;
+use crate::results::summary::Summary;
 use crate::run::options::{Options, Output};
 use crate::run::planning::with_files_read;
 pub use crate::run::solution::Solution;
 use crate::run::steps::{Driver, StepResults};
-use serde::Deserialize;
 use std::path::Path;
 
 /// Runs a case and writes its results into `directory`. Collective over all ranks.
@@ -67,22 +62,7 @@ pub fn run(world: &World, given: &Case, directory: &Path, options: &Options) -> 
     compute(world, case, Some(output))?.write_prepared(world, directory)
 }
 
-/// Whether `directory` holds the finished results of `case`. Damaged results count as unfinished,
-/// and are reported in the words of the caller: `warning` of the damage. Collective.
-pub fn is_done(
-    world: &World,
-    directory: &Path,
-    case: &Case,
-    warning: impl Fn(&Error) -> String,
-) -> bool {
-    let found = finished::is_finished(&world.group(), directory, case);
-    if let (Err(damage), true) = (&found, world.group().is_first()) {
-        eprint_wrapped(&format!("warning: {}", warning(damage)));
-    }
-    matches!(found, Ok(true))
-}
-
-/// As [`is_done`]. What a kill left of the checkpoints of a finished run is removed, unless another
+/// As [`finished::is_done`]. What a kill left of the checkpoints of a finished run is removed, unless another
 /// run is at work in the directory. Collective.
 pub fn is_done_removing_rest(
     world: &World,
@@ -90,42 +70,11 @@ pub fn is_done_removing_rest(
     case: &Case,
     warning: impl Fn(&Error) -> String,
 ) -> bool {
-    let is_done = is_done(world, directory, case, warning);
+    let is_done = finished::is_done(&world.group(), directory, case, warning);
     if is_done && world.group().is_first() {
         checkpointing::remove_rest(directory);
     }
     is_done
-}
-
-/// Returns an error if the finished run of `case` in `directory` misses its goals and
-/// `solver.strict` is set. Collective.
-///
-/// # Errors
-/// [`Error::Missed`]; [`Error::Output`] if its summary
-/// cannot be read.
-pub fn refuse_missed(world: &World, directory: &Path, strict: bool) -> Result<()> {
-    world.group().on_first_rank(|| {
-        let missed = MissedGoals::deserialize(&summary::read(directory)?["missed"]);
-        missed.unwrap_or_default().refuse(strict)
-    })
-}
-
-/// The lines about the errors of the finished run in `directory`, and the goals that it misses, the
-/// latter not if they are an error (`strict`). On other ranks than the first they are empty.
-/// Collective.
-///
-/// # Errors
-/// [`Error::Output`] if its summary cannot be read.
-pub fn lines_about_errors(world: &World, directory: &Path, strict: bool) -> Result<Vec<String>> {
-    world.group().on_first_rank(|| {
-        let stored = summary::read(directory)?;
-        let accuracy = Accuracy::deserialize(&stored["accuracy"]).unwrap_or_default();
-        let missed = MissedGoals::deserialize(&stored["missed"]).unwrap_or_default();
-        let missed = missed.line().filter(|_| !strict);
-        let continued = ContinuedResult::deserialize(&stored["continued"]).ok();
-        let inherited = continued.as_ref().map(ContinuedResult::line);
-        Ok(inherited.into_iter().chain(accuracy.line()).chain(missed).collect())
-    })
 }
 
 /// Solves a case in memory, without console output, files or checkpoints. No particles are

@@ -30,7 +30,7 @@ fn movies(args: &MovieArgs) -> Result<WrittenFiles> {
     let cuts = args.slices.iter().map(|text| Cut::parse(&run, text));
     let mut cuts = cuts.collect::<Result<Vec<_>>>()?;
     if cuts.is_empty() {
-        cuts.push(Cut::usual(&run, &times));
+        cuts.push(Cut::densest(&run, &times));
     }
     let names: Vec<String> = (1..=cuts.len()).map(|k| numbered(MOVIE, k)).collect();
     let place = PictureDirectory::new(&run, args.places.output.as_deref());

@@ -9,8 +9,8 @@ use crate::command::printing::{print, print_as, print_json};
 use crate::command::sbatch::{self, JobResources};
 use crate::command::values::RankNumbers;
 use crate::parallel::communicator::World;
-use crate::plan::advice::{Advice, MachineNode};
 use crate::plan::here::{announce_slow_steps, memory_per_rank};
+use crate::plan::job_request::{JobRequest, MachineNode};
 use crate::plan::layout::{Layout, Resources};
 use crate::plan::{Plan, refuse_long_transport};
 use crate::problem::case::Case;
@@ -26,7 +26,7 @@ struct PlanJson<'a> {
     #[serde(flatten)]
     plan: &'a Plan,
     layout: &'a Layout,
-    advice: &'a Advice,
+    advice: &'a JobRequest,
     /// Warnings about the case; those of its modes are in the plan.
     warnings: &'a [String],
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -88,7 +88,7 @@ fn on_one(world: &World, args: &PlanArgs, case: &Case, ranks: usize) -> Result<J
     // The memory of this machine for each of `ranks` ranks.
     let all = world.group();
     let here = memory_per_rank(&all) as f64 * all.size() as f64 / ranks as f64;
-    let advice = Advice::new(case, &plan, &resources, node(args, ranks), here as u64);
+    let advice = JobRequest::new(case, &plan, &resources, node(args, ranks), here as u64);
     let calibration = calibration.as_ref();
     if args.json {
         let warnings = &warnings(case);

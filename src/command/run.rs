@@ -11,7 +11,7 @@ use crate::parallel::communicator::World;
 use crate::problem::case::{Case, Method};
 use crate::quantum::readout::Readout;
 use crate::results::continued_result::ContinuedResult;
-use crate::results::finished::refuse_to_replace;
+use crate::results::finished;
 use crate::results::summary::Summary;
 use crate::run;
 use crate::run::options::Options;
@@ -90,13 +90,13 @@ pub fn execute(world: &World, args: &RunArgs) -> Result<()> {
 /// Collective.
 ///
 /// # Errors
-/// As [`run::refuse_missed`].
+/// As [`finished::refuse_missed`].
 fn report_finished(world: &World, case: &Case, directory: &Path) -> Result<()> {
     print(world, &format!("--resume: the run is finished; results in {}", directory.display()));
-    for line in run::lines_about_errors(world, directory, case.strict)? {
+    for line in finished::lines_about_errors(&world.group(), directory, case.strict)? {
         print(world, &line);
     }
-    run::refuse_missed(world, directory, case.strict)
+    finished::refuse_missed(&world.group(), directory, case.strict)
 }
 
 /// The case that `args` ask to run, and the directory of its results. Collective.
@@ -126,7 +126,7 @@ fn on_its_grid(world: &World, case: Case, args: &RunArgs, directory: &Path) -> R
     // Before the trials for an accuracy, which take a minute.
     if !args.force && !args.resume {
         let here = chosen.as_ref().unwrap_or(&case);
-        refuse_to_replace(&world.group(), directory, here, false)?;
+        finished::refuse_to_replace(&world.group(), directory, here, false)?;
     }
     let resumed = chosen.filter(|_| args.resume);
     resumed.map_or_else(|| accuracy::choose(world, case, args, directory), Ok)

@@ -75,7 +75,7 @@ impl Blocking {
         Self::from_neighbours(matrix, shape, &Tiling::new(matrix, shape.parts).neighbours(matrix))
     }
 
-    /// The same, with the neighbours of tiles of as many parts or a multiple.
+    /// The blocking of `shape`, with the neighbours of tiles of as many parts or a multiple.
     fn from_neighbours(matrix: &BlockMatrix, shape: &BlockingShape, fine: &Neighbours) -> Self {
         assert!(Self::possible(matrix) && (1..=MOST_LEVELS).contains(&shape.depth));
         let tiling = Tiling::new(matrix, shape.parts);
@@ -155,8 +155,8 @@ impl BlockMatrix {
         self.steps_and_read(exchange, blocking, steps, [y, x], start, &mut |_, _, _| {});
     }
 
-    /// The same, with calls of `read(step, rows, vector)` as soon as rows of a vector are computed.
-    /// Rows come in runs of whole tiles.
+    /// Does these steps as [`steps`](Self::steps) does, with calls of `read(step, rows, vector)` as
+    /// soon as rows of a vector are computed. Rows come in runs of whole tiles.
     pub fn steps_and_read<R: StartRow>(
         &self,
         exchange: &mut GhostExchange,

@@ -21,7 +21,7 @@ use crate::matrix::element_faces::ElementFaces;
 use crate::matrix::line_bounds::{FaceKind, LineBounds, PhaseLines};
 use crate::matrix::potential_scan::PotentialScan;
 use crate::problem::case::{Case, Delta, Exact, Method};
-use crate::problem::exact::{MOST_EXAMINED, MostCells, traced_bytes};
+use crate::problem::exact::{CellLimits, MOST_EXAMINED, traced_bytes};
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
 use crate::problem::potential::LargestJump;
 use crate::scheme::interface::rest_face::check_axis;
@@ -87,9 +87,10 @@ pub struct Bounds {
     pub coupling: f64,
     /// Whether `V` jumps.
     pub jumps: bool,
-    /// Whether it jumps at faces across each axis.
+    /// Numbers of faces across each axis at which it jumps: of each layer of cells along the first
+    /// axis. Counted for degree 0.
     #[serde(skip)]
-    pub jumps_across: [bool; MAX_DIMENSION],
+    pub jump_faces: Vec<[usize; MAX_DIMENSION]>,
     /// Number of kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]. Cells of a
     /// kind have equal rows.
     pub kinds: usize,
@@ -100,7 +101,7 @@ pub struct Bounds {
     /// The value of [`traced_bytes`](Self::traced_bytes), once it was asked for.
     #[serde(skip)]
     pub traced: OnceLock<u64>,
-    /// That of [`traced_at_end_bytes`](Self::traced_at_end_bytes).
+    /// The value of [`traced_at_end_bytes`](Self::traced_at_end_bytes), once it was asked for.
     #[serde(skip)]
     pub traced_at_end: OnceLock<u64>,
     /// Number of successive exponentials with a time-dependent inflow; 0 without one, or before it
@@ -116,9 +117,9 @@ pub struct Bounds {
 pub struct AssembledSize {
     /// Bytes of the matrix for each of its rows.
     pub bytes_per_row: f64,
-    /// The same before rows are weighted and elements are gathered.
+    /// Bytes of the matrix for each of its rows, before rows are weighted and elements gathered.
     pub bytes_per_row_before: f64,
-    /// The same for old and new rows while that is done.
+    /// Bytes of old and new rows for each row, while rows are weighted and elements gathered.
     pub changed_bytes_per_row: f64,
     /// Contributions to a row that are collected while the matrix is assembled.
     pub contributions_per_row: f64,
@@ -152,7 +153,7 @@ fn is_followed(case: &Case) -> bool {
 }
 
 /// [`traced_bytes`] on the grid of the results of `case`.
-fn shown_traced_bytes(case: &Case, most: MostCells) -> u64 {
+fn shown_traced_bytes(case: &Case, most: CellLimits) -> u64 {
     traced_bytes(&Case { space: grid(case), ..case.clone() }, most)
 }
 
@@ -164,7 +165,8 @@ impl Bounds {
     /// # Errors
     /// [`crate::base::error::Error::Formula`] if `V` is not finite.
     pub fn new(case: &Case) -> Result<Self> {
-        let PotentialScan { force, forces, jumps, kinds, faces } = PotentialScan::new(case)?;
+        let PotentialScan { force, forces, jumps, jump_faces, kinds, faces } =
+            PotentialScan::new(case)?;
         // Particles return unchanged to a single periodic cell, unless they cross a jump.
         let single: f64 = (0..case.space.dimension())
             .filter(|&a| jumps[a].is_some() && case.space.is_single(a))
@@ -183,8 +185,7 @@ impl Bounds {
                 lines.iter().map(LineBounds::dissipation).sum(),
             )
         };
-        let jumps_across = jumps.map(|jump| jump.is_some());
-        let jumps = jumps_across.contains(&true);
+        let jumps = jumps.iter().any(Option::is_some);
         let inflow = case.embeds();
         let grows = jumps && !case.is_galerkin() && law_of(case.scheme.interface).may_grow();
         let growth = allowed_growth(case, grows);
@@ -201,7 +202,7 @@ impl Bounds {
                 0.0
             },
             jumps,
-            jumps_across,
+            jump_faces,
             kinds: kinds.len(),
             traced: OnceLock::new(),
             traced_at_end: OnceLock::new(),
@@ -210,6 +211,23 @@ impl Bounds {
             weighted: grows && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
         })
+    }
+
+    /// Whether `V` jumps at faces across an axis.
+    pub fn jumps_across(&self, axis: usize) -> bool {
+        self.jump_faces.iter().any(|faces| faces[axis] > 0)
+    }
+
+    /// The most faces across an axis at which `V` jumps in so many successive layers of cells along
+    /// the first axis.
+    pub fn most_jump_faces(&self, axis: usize, layers: usize) -> usize {
+        let (mut sum, mut most) = (0, 0);
+        for (k, faces) in self.jump_faces.iter().enumerate() {
+            let passed = k.checked_sub(layers).map_or(0, |before| self.jump_faces[before][axis]);
+            sum = sum + faces[axis] - passed;
+            most = most.max(sum);
+        }
+        most
     }
 
     /// Whether a force acts.
@@ -230,17 +248,18 @@ impl Bounds {
     /// in bytes: for the exact solution, or only for the estimates of the ledger.
     pub fn traced_bytes(&self, case: &Case) -> u64 {
         *self.traced.get_or_init(|| match case.exact {
-            Some(Exact::Characteristics) => shown_traced_bytes(case, MostCells::EXACT),
+            Some(Exact::Characteristics) => shown_traced_bytes(case, CellLimits::EXACT),
             _ if !is_followed(case) => 0,
-            _ => shown_traced_bytes(case, MostCells::ESTIMATES),
+            _ => shown_traced_bytes(case, CellLimits::ESTIMATES),
         })
     }
 
-    /// The same while it traces paths back from the result of `case`, for the errors by particles.
+    /// Bytes of [`traced_bytes`](Self::traced_bytes) while paths are traced back from the result of
+    /// `case`, for the errors by particles.
     pub fn traced_at_end_bytes(&self, case: &Case) -> u64 {
         *self.traced_at_end.get_or_init(|| match case.exact {
             _ if case.is_measure_valued() || !is_followed(case) => 0,
-            Some(Exact::Characteristics) => shown_traced_bytes(case, MostCells::ESTIMATES),
+            Some(Exact::Characteristics) => shown_traced_bytes(case, CellLimits::ESTIMATES),
             _ => self.traced_bytes(case),
         })
     }
@@ -370,7 +389,7 @@ mod tests {
                 lines: Vec::new(),
                 coupling: 0.0,
                 jumps: true,
-                jumps_across: [true; MAX_DIMENSION],
+                jump_faces: vec![[1; MAX_DIMENSION]],
                 kinds: 1,
                 weighted: true,
                 inflow: false,

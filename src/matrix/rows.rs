@@ -130,7 +130,7 @@ impl Rows {
         self.stored_row(i).filter(apart).chain(along_velocities)
     }
 
-    /// The same without those along velocity axes.
+    /// The entries of a row without those along velocity axes.
     #[inline(always)]
     pub(crate) fn stored_row(&self, i: usize) -> impl Iterator<Item = (usize, f64, f64)> + '_ {
         let (line, node) = self.lines.line_and_node(i);

@@ -21,7 +21,7 @@ pub(crate) fn multiply_add<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
 
 /// A number for each mode of a batch.
 pub trait Vector: Copy {
-    /// The same number in every lane.
+    /// A vector with one number in every lane.
     fn splat(value: f64) -> Self;
 
     /// Loads from memory.

@@ -31,7 +31,7 @@ impl Group {
         Self { communicator }
     }
 
-    /// The same ranks with messages of their own.
+    /// A group of the same ranks, with messages of its own.
     pub(super) fn duplicate(&self) -> Self {
         Self::new(self.communicator.duplicate())
     }

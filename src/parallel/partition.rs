@@ -161,7 +161,7 @@ pub struct Block {
 pub struct CommonRun {
     /// Number of its first cell in the one box, row-major.
     pub from: usize,
-    /// The same in the other.
+    /// Number of its first cell in the other box.
     pub to: usize,
     /// Number of cells.
     pub length: usize,

@@ -7,9 +7,7 @@ use crate::matrix::inflow::{AuxiliaryRow, VaryingInflow};
 use crate::matrix::lanes::{LANES, Lanes};
 use crate::matrix::observables::MOMENTS;
 use crate::parallel::partition::{BlockSize, ProcessMesh, largest_part};
-use crate::problem::case::{
-    Case, Data, Embedding, Integrator, Limiter, Method, Storage, TableFile,
-};
+use crate::problem::case::{Case, Data, Embedding, Integrator, Limiter, Storage, TableFile};
 use crate::problem::exact::sheet::curve_points;
 use crate::problem::grid::{Axis, PhaseSpace};
 use crate::problem::limits::{MOST_WINDOW_SAMPLES, WINDOW_SAMPLES};
@@ -43,7 +41,7 @@ mod chunk {
     pub const SECOND_STEP: u64 = 950;
 
     /// The second step in addition, for each chunk that the rank writes a part of.
-    pub struct Own {
+    pub struct ChunkBytes {
         /// Whatever its shape.
         pub each: u64,
         /// For each group of pieces.
@@ -53,9 +51,9 @@ mod chunk {
     }
 
     /// Where chunks are written as they are.
-    pub const PLAIN: Own = Own { each: 10_430, group: 130, piece: 100 };
+    pub const PLAIN: ChunkBytes = ChunkBytes { each: 10_430, group: 130, piece: 100 };
     /// Where they are compressed.
-    pub const COMPRESSED: Own = Own { each: 7130, group: 0, piece: 45 };
+    pub const COMPRESSED: ChunkBytes = ChunkBytes { each: 7130, group: 0, piece: 45 };
 }
 
 /// Bytes of a region of `V`: its keys, as they are given, read and stored, and its formulas.
@@ -331,7 +329,7 @@ impl<'a> FullestRank<'a> {
 
     /// Arrays that exist during the whole run: matrix, states, inflow.
     fn system(&self) -> Vec<NamedBytes> {
-        let (case, bounds) = (self.case, self.bounds);
+        let bounds = self.bounds;
         let stored = match &bounds.assembled {
             Some(found) => (found.bytes_per_row * self.rows() as f64) as u64,
             None => self.stored_rows(),
@@ -342,10 +340,6 @@ impl<'a> FullestRank<'a> {
             NamedBytes::new("matrix (S, K)", matrix),
             NamedBytes::new("states, weights", 8 * (1 + self.fields()) * self.length()),
         ];
-        if case.method == Method::Schrodingerized {
-            // They are freed, but the allocator keeps their memory.
-            list.push(NamedBytes::new("values at the start", 8 * self.cells));
-        }
         list.extend(self.exact());
         list.extend(self.given());
         if self.inflow_rows > 0 {
@@ -495,16 +489,28 @@ impl<'a> FullestRank<'a> {
         }
         list.extend(self.at_start(cells));
         if case.scheme.limiter != Limiter::None {
-            // A slope for each unknown, two neighbours for each space cell and axis, faces at the
-            // ends of the box and at about as many jumps.
-            let n = case.space.dimension() as u64;
-            let force = u64::from(self.bounds.has_forces() && self.bounds.inflow);
-            let ends: u64 = case.space.x.iter().map(|a| 4 * cells / a.cells as u64).sum();
-            let lines = force * cells / case.space.v[0].cells as u64;
-            let slopes = 8 * length + 16 * n * self.points + 80 * ends + 16 * n * lines;
-            list.push(NamedBytes::new("slopes", slopes));
+            list.push(NamedBytes::new("slopes", self.slopes()));
         }
         list
+    }
+
+    /// Bytes of limited slopes: one for each unknown, two neighbours for each space cell and axis,
+    /// what is beyond faces at ends of the box and at jumps, and what enters along velocity axes.
+    fn slopes(&self) -> u64 {
+        const FACE: u64 = 40;
+        const SOURCES_OF_A_FACE: u64 = 2 * 16;
+        let space = &self.case.space;
+        let speeds = self.cells / self.points;
+        let layers = largest_part(&space.x[0], self.mesh.space[0]);
+        let across = |a: usize| {
+            let jumps = self.points.min(self.bounds.most_jump_faces(a, layers) as u64) * speeds;
+            let ends = u64::from(!space.periodic[a]) * self.cells / space.x[a].cells as u64;
+            let lines = self.cells / space.v[a].cells as u64;
+            let entering = u64::from(self.bounds.has_forces() && self.bounds.inflow) * 16 * lines;
+            let faces = 2 * (FACE * (ends + jumps) + SOURCES_OF_A_FACE * jumps);
+            16 * self.points + faces + entering
+        };
+        8 * self.length() + (0..space.dimension()).map(across).sum::<u64>()
     }
 
     /// The results, which exist in addition to the system after the solve.
@@ -703,7 +709,7 @@ fn entries_of_a_row(case: &Case, bounds: &Bounds) -> u64 {
         };
         transport
             + usize::from(bounds.forces[a]) * force
-            + usize::from(bounds.jumps_across[a]) * jump
+            + usize::from(bounds.jumps_across(a)) * jump
     };
     1 + (0..space.dimension()).map(|a| along(a) as u64).sum::<u64>()
 }

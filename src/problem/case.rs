@@ -294,6 +294,13 @@ impl Case {
         self.data.is_measure()
     }
 
+    /// Number of axes along which points of the data and of the inflow differ: of measure-valued
+    /// data those of space.
+    pub fn source_dimensions(&self) -> usize {
+        let n = self.space.dimension();
+        if self.is_measure_valued() { n } else { 2 * n }
+    }
+
     /// Whether the scheme of degree 0 for this case is the upwind scheme, with interface laws and
     /// limiters. For a case of a higher degree: whether it would be at degree 0.
     pub fn has_upwind_cells(&self) -> bool {

@@ -26,7 +26,7 @@ use crate::problem::exact::cells::TracedPotential;
 pub use crate::problem::exact::follow::{BoxExit, Crossing, TracedPath};
 use crate::problem::exact::follow::{Flow, ROUND_OFF, TracedParticle};
 pub use crate::problem::exact::traced_grid::{
-    MOST_EXAMINED, MostCells, traced_bytes, traced_cells_of_axis,
+    CellLimits, MOST_EXAMINED, traced_bytes, traced_cells_of_axis,
 };
 use crate::problem::exact::traced_grid::{TracedGrid, traced_grid};
 use crate::problem::grid::{MAX_DIMENSION, for_each_cell};
@@ -56,8 +56,8 @@ pub struct BeforeFace {
 /// A tracer with half as many cells along each axis as another.
 #[derive(Clone, Copy, Debug)]
 pub struct HalvedCells {
-    /// Its limits.
-    pub most: MostCells,
+    /// Limits on its number of cells.
+    pub most: CellLimits,
     /// Order of convergence in the width of the cells, for particles that turn around: the lowest.
     pub order: f64,
 }
@@ -97,14 +97,14 @@ impl<'a> Tracer<'a> {
     /// # Errors
     /// [`Error::Formula`](crate::base::error::Error::Formula) where `V` is not finite.
     pub fn new(case: &'a Case) -> Result<Self> {
-        Self::with_cells(case, MostCells::EXACT)
+        Self::with_cells(case, CellLimits::EXACT)
     }
 
     /// Prepares tracing in `case`'s potential, with elements cut into at most `most` space cells.
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn with_cells(case: &'a Case, most: MostCells) -> Result<Self> {
+    pub fn with_cells(case: &'a Case, most: CellLimits) -> Result<Self> {
         let TracedGrid { space, is_bent, by_formulas, is_approximate, is_accurate } =
             traced_grid(case, most)?;
         let mut potential = TracedPotential::new(case, space, is_bent)?;
@@ -128,7 +128,7 @@ impl<'a> Tracer<'a> {
         let approximated = axes().map(|(cut, _)| cut.cells.div_ceil(2)).product();
         let is_sum = self.flow.space.dimension() == 1 || self.paths.is_some();
         (self.is_approximate && is_cut).then_some(HalvedCells {
-            most: MostCells { approximated, ..MostCells::ESTIMATES },
+            most: CellLimits { approximated, ..CellLimits::ESTIMATES },
             order: if is_sum { 2.5 } else { 1.5 },
         })
     }

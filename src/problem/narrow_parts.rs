@@ -4,28 +4,28 @@
 //! A box is cut into halves along each axis in turn. A half is kept if its
 //! [bounds](crate::problem::formula::Enclosure) allow values far above those of nearly all samples.
 //! A cut that leaves out no half is not made, unless no other one does, so that axes along which a
-//! part is long stay whole. Bounds overlook nothing: bells, boxes and sheets along the axes are
-//! found down to `2^−24` of an axis. Of sheets in other directions, and of curves, there are too
-//! many boxes.
+//! part is long stay whole. Boxes that touch are one part. Bounds overlook nothing: bells, boxes and
+//! sheets along the axes are found down to `2^−24` of an axis. Of curves and of sheets in other
+//! directions there are many boxes, and the search ends with more than [`MOST_BOXES`].
 
 use crate::problem::case::{Case, TIME};
 use crate::problem::grid::{AxisEnd, coordinate};
 use crate::problem::limits::COORDINATES;
-use crate::problem::sample_box::{SampleBox, SamplePoint, SampleSequence};
+use crate::problem::sample_box::{BoxSet, MOST_DIMENSIONS, SampleBox, SamplePoint, SampleSequence};
 
 /// Samples of the whole, and of each part.
 const SAMPLES: usize = 4096;
-/// As many samples are above the level of the others.
+/// The level of the data is the value above which so many samples are.
 const ABOVE_LEVEL: usize = 16;
 /// A part is high if it has values above this multiple of that level.
 const HIGH: f64 = 2.0;
-/// It ends where `|f|` is below this part of its largest value.
+/// A part ends where `|f|` is below this fraction of its largest value.
 const EDGE: f64 = 1e-3;
-/// The search ends with more boxes. If it has found no high value by then, the bounds are too wide.
+/// The search ends with more boxes.
 const MOST_BOXES: usize = 1024;
 /// Largest number of cuts along each axis.
 const MOST_CUTS: usize = 24;
-/// Of more parts, those that may have most of the integral have samples of their own.
+/// Of more parts, those with most of the integral have samples of their own.
 const MOST_PARTS: usize = 16;
 /// The largest part of the whole box that is narrow: samples show what is wider.
 const NARROW: f64 = 0.05;
@@ -92,7 +92,21 @@ impl<'a> SourceFormula<'a> {
         };
         let face = space.axis(axis).just_outside(upper);
         ranges[TIME] = std::mem::replace(&mut ranges[coordinate(n, axis)], [face; 2]);
+        if self.enters_by_velocity(axis) {
+            // Nothing enters with a velocity that leads outwards.
+            let velocity = &mut ranges[coordinate(n, n + axis)];
+            let inwards = if upper { [f64::NEG_INFINITY, 0.0] } else { [0.0, f64::INFINITY] };
+            *velocity = [velocity[0].max(inwards[0]), velocity[1].min(inwards[1])];
+            if velocity[0] > velocity[1] {
+                return 0.0;
+            }
+        }
         field.entering().enclosure(&ranges).magnitude()
+    }
+
+    /// Whether the velocity along an axis, a coordinate of the source, is what leads through its end.
+    fn enters_by_velocity(&self, axis: usize) -> bool {
+        axis < self.case.space.dimension() && !self.case.is_measure_valued()
     }
 
     /// Whether the values depend on the coordinate along an axis: of inflow on the time, along that
@@ -106,46 +120,52 @@ impl<'a> SourceFormula<'a> {
         }
     }
 
-    /// Number of axes along which the points of a source differ.
-    fn dimensions(&self) -> usize {
-        let n = self.case.space.dimension();
-        if self.case.is_measure_valued() { n } else { 2 * n }
+    /// Places of a sequence in a set of boxes.
+    fn places<'b>(&self, within: &'b BoxSet) -> impl Iterator<Item = SamplePoint> + use<'b> {
+        let dimensions = self.case.source_dimensions();
+        let sequence = SampleSequence::new(dimensions, 0);
+        (0..SAMPLES).map(move |k| within.at(&sequence.point(k), dimensions))
     }
 
-    /// `|f|` at points of a sequence in a box. Values that are not finite are refused elsewhere.
-    fn samples(&self, within: &SampleBox) -> Vec<f64> {
-        let dimensions = self.dimensions();
-        let sequence = SampleSequence::new(dimensions, 0);
-        let places = (0..SAMPLES).map(|k| within.at(&sequence.point(k), dimensions));
-        places.map(|place| self.magnitude(&place)).collect()
+    /// `|f|` at these places. Values that are not finite are refused elsewhere.
+    fn samples(&self, within: &BoxSet) -> Vec<f64> {
+        self.places(within).map(|place| self.magnitude(&place)).collect()
     }
 
     fn magnitude(&self, place: &SamplePoint) -> f64 {
         let (point, time) = self.point(place);
+        let n = self.case.space.dimension();
+        if let Some(AxisEnd { axis, upper }) = self.end
+            && self.enters_by_velocity(axis)
+            && (point[coordinate(n, n + axis)] > 0.0) == upper
+        {
+            return 0.0;
+        }
         let value = self.value(&point, time);
         if value.is_finite() { value.abs() } else { 0.0 }
     }
 
-    fn volume(&self, within: &SampleBox) -> f64 {
-        within.volume(|a| a < self.dimensions())
+    /// Whether an axis is one along which the points of a source differ.
+    fn has_axis(&self, axis: usize) -> bool {
+        axis < self.case.source_dimensions()
     }
 }
 
 /// What samples show.
-struct Shown {
+struct SampleLevel {
     /// A value that few samples are above.
     level: f64,
     /// Integrals of `|f|` and of `f²`, in which samples count up to [`HIGH`] times the level.
     integrals: [f64; 2],
 }
 
-impl Shown {
-    fn of(formula: &SourceFormula<'_>, within: &SampleBox) -> Self {
+impl SampleLevel {
+    fn of(formula: &SourceFormula<'_>, within: &BoxSet) -> Self {
         let mut samples = formula.samples(within);
         samples.sort_by(f64::total_cmp);
         let level = samples[SAMPLES - ABOVE_LEVEL];
         let counted = samples.iter().map(|f| f.min(HIGH * level));
-        Self { level, integrals: integrals(counted, formula.volume(within)) }
+        Self { level, integrals: integrals(counted, within.volume(|a| formula.has_axis(a))) }
     }
 
     /// Whether a box has a part of the integral of `|f|` or of `f²` above `least`.
@@ -163,14 +183,14 @@ fn integrals(samples: impl Iterator<Item = f64>, volume: f64) -> [f64; 2] {
 /// A narrow part of the initial data that the grid does not resolve.
 #[derive(Clone, Debug)]
 pub struct UnresolvedPart {
-    /// The centre of the part.
+    /// About where its values are largest.
     pub place: SamplePoint,
     /// The axis along which the fewest nodes are across it: of space, then of velocities.
     pub axis: usize,
     /// About the width along this axis at which its values fall to `1/e`, from what is above the
     /// level of other data: that of a bell.
     pub width: f64,
-    /// Number of elements of this axis with [`NODES_ACROSS`] nodes across the width.
+    /// Number of elements of this axis that have two nodes across the width.
     pub elements: f64,
     /// The share of the data in it.
     pub share: f64,
@@ -191,26 +211,28 @@ pub fn unresolved_part(case: &Case) -> Option<UnresolvedPart> {
         return None;
     }
     let formula = SourceFormula::new(case, None);
-    let whole = SampleBox::whole(&case.space, 0.0);
-    let shown = Shown::of(&formula, &whole);
-    let unresolved = |part: SampleBox| {
+    let shown = SampleLevel::of(&formula, &SampleBox::whole(&case.space, 0.0).into());
+    let unresolved = |part: BoxSet| {
         let samples = formula.samples(&part);
-        let largest = samples.iter().fold(0.0, |most: f64, f| most.max(*f));
+        let (largest, place) = samples.iter().zip(formula.places(&part)).fold(
+            (0.0, [0.0; MOST_DIMENSIONS]),
+            |most, (f, place)| if *f > most.0 { (*f, place) } else { most },
+        );
         // Of a bell exp(-(2x/width)^2) the part is what is above its edge.
         let edge = (HIGH * shown.level).max(EDGE * largest);
         let widths = (largest / edge).ln().max(0.0).sqrt();
-        let width = |a: usize| (part.upper[a] - part.lower[a]) / widths;
+        let width = |a: usize| part.width_at(&place, a) / widths;
         let across = |a: usize| {
             let axis = case.space.axis(a);
             width(a) / (axis.upper - axis.lower) * axis.cells as f64
         };
         // One cell is an axis along which nothing is to be resolved.
-        let axes = (0..formula.dimensions()).filter(|a| case.space.axis(*a).cells > 1);
+        let axes = (0..formula.case.source_dimensions()).filter(|a| case.space.axis(*a).cells > 1);
         let axis = axes.min_by(|a, b| across(*a).total_cmp(&across(*b)))?;
-        let mass = integrals(samples.into_iter(), formula.volume(&part))[0];
+        let mass = integrals(samples.into_iter(), part.volume(|a| formula.has_axis(a)))[0];
         let elements = case.space.axis(axis).elements() as f64;
         Some(UnresolvedPart {
-            place: part.centre(),
+            place,
             axis,
             width: width(axis),
             elements: (elements * NODES_ACROSS / across(axis)).ceil(),
@@ -222,39 +244,45 @@ pub fn unresolved_part(case: &Case) -> Option<UnresolvedPart> {
     found.max_by(|a, b| a.share.total_cmp(&b.share))
 }
 
-/// The narrow parts of a source whose points are mostly in `usual`: disjoint boxes.
-pub fn narrow_parts(formula: &SourceFormula<'_>, usual: &SampleBox) -> Vec<SampleBox> {
-    parts_above(formula, &Shown::of(formula, usual))
+/// The narrow parts of a source whose points are mostly in `usual`: disjoint sets of boxes.
+pub fn narrow_parts(formula: &SourceFormula<'_>, usual: &BoxSet) -> Vec<BoxSet> {
+    parts_above(formula, &SampleLevel::of(formula, usual))
 }
 
 /// The narrow parts that are above what samples have `shown`.
-fn parts_above(formula: &SourceFormula<'_>, shown: &Shown) -> Vec<SampleBox> {
+fn parts_above(formula: &SourceFormula<'_>, shown: &SampleLevel) -> Vec<BoxSet> {
     let whole = match formula.end {
         None => SampleBox::whole(&formula.case.space, 0.0),
         Some(end) => SampleBox::of_inflow(formula.case, end),
     };
-    let widest = NARROW * formula.volume(&whole);
-    let mut found = joined(high_boxes(formula, whole, shown));
-    let most = |part: &SampleBox| formula.bound(part) * formula.volume(part);
-    found.sort_by(|a, b| most(b).total_cmp(&most(a)));
-    found.truncate(MOST_PARTS);
-    let counts = |part: &SampleBox| {
-        let volume = formula.volume(part);
-        let own = integrals(formula.samples(part).into_iter(), volume);
-        volume < widest && shown.has_part(own, NOTICEABLE)
+    let narrow = NARROW * whole.volume(|a| formula.has_axis(a));
+    // A part with its integrals of `|f|` and of `f²`, if its samples are as high as its bounds.
+    let with_integrals = |part: BoxSet| {
+        let volume = part.volume(|a| formula.has_axis(a));
+        let samples = formula.samples(&part);
+        let is_high = samples.iter().any(|f| *f > HIGH * shown.level);
+        let own = integrals(samples.into_iter(), volume);
+        (is_high && volume < narrow && shown.has_part(own, NOTICEABLE)).then_some((part, own))
     };
-    found.into_iter().filter(counts).collect()
+    let parts = BoxSet::connected(&high_boxes(formula, whole, shown));
+    let mut found: Vec<_> = parts.into_iter().filter_map(with_integrals).collect();
+    found.sort_by(|(_, a), (_, b)| b[0].total_cmp(&a[0]));
+    found.truncate(MOST_PARTS);
+    found.into_iter().map(|(part, _)| part).collect()
 }
 
-/// Small boxes in which `|f|` may be above all that samples show; none if it is not above it
-/// anywhere, or the bounds are too wide to find out.
-fn high_boxes(formula: &SourceFormula<'_>, whole: SampleBox, shown: &Shown) -> Vec<SampleBox> {
+/// Equal boxes in which `|f|` may be above all that samples show.
+fn high_boxes(
+    formula: &SourceFormula<'_>,
+    whole: SampleBox,
+    shown: &SampleLevel,
+) -> Vec<SampleBox> {
     let high = HIGH * shown.level;
     let (mut boxes, mut largest) = (vec![whole], 0.0);
     if formula.bound(&boxes[0]) <= high {
         return Vec::new();
     }
-    let mut cuts: Vec<usize> = (0..formula.dimensions())
+    let mut cuts: Vec<usize> = (0..formula.case.source_dimensions())
         .map(|axis| if formula.depends_on(axis) { 0 } else { MOST_CUTS })
         .collect();
     // Whether the last cut of each axis would have left out no half.
@@ -269,7 +297,7 @@ fn high_boxes(formula: &SourceFormula<'_>, whole: SampleBox, shown: &Shown) -> V
             largest = at_centres.fold(largest, f64::max);
             let least = high.max(EDGE * largest);
             let may_count = |half: &SampleBox| {
-                let (bound, volume) = (formula.bound(half), formula.volume(half));
+                let (bound, volume) = (formula.bound(half), half.volume(|a| formula.has_axis(a)));
                 let own = [bound * volume, bound * bound * volume];
                 bound > least && shown.has_part(own, NEGLIGIBLE)
             };
@@ -288,19 +316,7 @@ fn high_boxes(formula: &SourceFormula<'_>, whole: SampleBox, shown: &Shown) -> V
             idle.fill(true);
         }
     }
-    if largest > high { boxes } else { Vec::new() }
-}
-
-/// The boxes around those that touch.
-fn joined(boxes: Vec<SampleBox>) -> Vec<SampleBox> {
-    let mut parts: Vec<SampleBox> = Vec::new();
-    for mut own in boxes {
-        while let Some(k) = parts.iter().position(|part| part.touches(&own)) {
-            own = own.around(&parts.swap_remove(k));
-        }
-        parts.push(own);
-    }
-    parts
+    boxes
 }
 
 #[cfg(test)]
@@ -316,8 +332,14 @@ mod tests {
         Case::parse("narrow", &text, &[]).expect("a case")
     }
 
-    fn found(case: &Case, end: Option<AxisEnd>) -> Vec<SampleBox> {
-        narrow_parts(&SourceFormula::new(case, end), &SampleBox::whole(&case.space, 0.0))
+    fn found(case: &Case, end: Option<AxisEnd>) -> Vec<BoxSet> {
+        narrow_parts(&SourceFormula::new(case, end), &SampleBox::whole(&case.space, 0.0).into())
+    }
+
+    /// The widths along `x` and `v` of the part at a point, if there is one.
+    fn widths(part: &BoxSet, point: [f64; 2]) -> Option<[f64; 2]> {
+        let place = [point[0], point[1], 0.0, 0.0, 0.0, 0.0];
+        part.contains(&place, 2).then(|| [0, 1].map(|axis| part.width_at(&place, axis)))
     }
 
     /// However narrow they are, and beside anything else; what samples show is not.
@@ -332,8 +354,9 @@ mod tests {
             format!("(900 if abs(x - {x:?}) < {half:e} && abs(v - {v:?}) < {half:e} else 0)")
         };
         let sheet = |distance: &str| format!("1 + 1e5*exp(-({distance})^2/1e-10)");
+        let half_circle = "(sqrt(0.7 - x^2 - v^2) if x^2 + v^2 < 0.7 else 0)";
         let [one, two] = [beam(-0.37, 0.77, 3e-3, 0.0225), beam(0.611, -0.9, 1e-4, 0.01)];
-        let rows: [(String, &[[f64; 2]]); 12] = [
+        let rows: [(String, &[[f64; 2]]); 17] = [
             (cloud.to_owned(), &[]),
             ("1".to_owned(), &[]),
             ("0".to_owned(), &[]),
@@ -346,18 +369,19 @@ mod tests {
             (box_of(0.2031, 0.0177, 2e-4) + "+ 0.01", &[[0.2031, 0.0177]]),
             (sheet("v - 0.503"), &[[0.0, 0.503]]),
             (sheet("x + 0.7081"), &[[-0.7081, 0.0]]),
+            (sheet("v - 0.503") + "+" + &sheet("x + 0.7081"), &[[0.3, 0.503]]),
+            (sheet("x - v - 0.2"), &[[0.5, 0.3]]),
+            (sheet("x^2 + v^2 - 0.5"), &[[0.5, 0.5]]),
+            (half_circle.to_owned(), &[]),
+            (format!("{half_circle} + {}", beam(-0.37, 0.47, 1e-4, 0.01)), &[[-0.37, 0.47]]),
         ];
         for (f, places) in rows {
             let case = case(&format!("[initial]\nf = \"{f}\""));
             let parts = found(&case, None);
             assert_eq!(parts.len(), places.len(), "{f}: {parts:?}");
             for place in places {
-                let point = [place[0], place[1], 0.0, 0.0, 0.0, 0.0];
-                let around = |part: &SampleBox| {
-                    let widths = [0, 1].map(|a| part.upper[a] - part.lower[a]);
-                    part.contains(&point, 2) && widths[0].min(widths[1]) < 0.05
-                };
-                assert!(parts.iter().any(around), "{f}: {parts:?}");
+                let mut own = parts.iter().filter_map(|part| widths(part, *place));
+                assert!(own.any(|[x, v]| x.min(v) < 0.05), "{f}: {parts:?}");
             }
         }
     }
@@ -370,10 +394,15 @@ mod tests {
         let case = case(&data);
         let parts = found(&case, Some(AxisEnd { axis: 0, upper: false }));
         let [part] = &parts[..] else { panic!("{parts:?}") };
-        assert!(part.contains(&[1.3, 0.5, 0.0, 0.0, 0.0, 0.0], 2), "{part:?}");
-        assert!(part.upper[0] - part.lower[0] < 0.02, "{part:?}");
+        assert!(widths(part, [1.3, 0.5]).is_some_and(|widths| widths[0] < 0.02), "{part:?}");
         let constant = self::case("[initial]\nf = 0\n[inflow]\nvalue = \"1 + x*v\"");
         assert!(found(&constant, Some(AxisEnd { axis: 0, upper: true })).is_empty());
+        // Data of particles that leave are not above what enters.
+        let beam = "100 if v < 0 else 150*exp(-(v - 0.5)^2/1e-8)";
+        let entering = self::case(&format!("[initial]\nf = 0\n[inflow]\nvalue = \"{beam}\""));
+        let parts = found(&entering, Some(AxisEnd { axis: 0, upper: false }));
+        assert!(widths(&parts[0], [1.0, 0.5]).is_some_and(|widths| widths[1] < 0.01), "{parts:?}");
+        assert!(found(&entering, Some(AxisEnd { axis: 0, upper: true })).is_empty());
     }
 
     /// A train of pulses has more parts than have samples of their own.
@@ -382,8 +411,11 @@ mod tests {
         let case = case("[initial]\nf = \"1 + 1e3*exp(-(sin(60*x))^2/1e-6)\"");
         let parts = found(&case, None);
         assert_eq!(parts.len(), MOST_PARTS, "{parts:?}");
-        assert!(parts.iter().all(|part| part.upper[0] - part.lower[0] < 1e-3), "{parts:?}");
-        assert!(parts.iter().all(|part| part.upper[1] - part.lower[1] > 2.0), "{parts:?}");
+        let at = |k: i32| [f64::from(k) * std::f64::consts::PI / 60.0, 0.0];
+        let peak = |k: i32| widths(parts.iter().find(|part| widths(part, at(k)).is_some())?, at(k));
+        let peaks: Vec<[f64; 2]> = (-19..=19).filter_map(peak).collect();
+        assert_eq!(peaks.len(), MOST_PARTS);
+        assert!(peaks.iter().all(|[x, v]| *x < 1e-3 && *v > 2.0), "{peaks:?}");
     }
 
     /// In three dimensions, too.

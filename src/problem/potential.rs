@@ -252,6 +252,15 @@ impl Potential {
         })
     }
 
+    /// Numbers of lower faces across each axis at which `V` jumps: of the cells of each layer along
+    /// the first axis.
+    pub fn jump_faces(&self) -> impl Iterator<Item = [usize; MAX_DIMENSION]> {
+        let of_layer = |jumps: &[[f64; MAX_DIMENSION]]| {
+            std::array::from_fn(|a| jumps.iter().filter(|jump| jump[a] != 0.0).count())
+        };
+        self.jump.chunks(self.strides[0]).map(of_layer)
+    }
+
     /// Adds to `kinds` the different combinations of jumps at the lower faces of a cell and slopes
     /// in it, until `kinds` has `many`.
     pub fn collect_kinds(&self, kinds: &mut HashSet<[u64; 2 * MAX_DIMENSION]>, many: usize) {

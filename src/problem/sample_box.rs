@@ -52,12 +52,6 @@ impl SampleBox {
         place
     }
 
-    /// Whether `place` is in the box, without its upper ends, along the first `dimensions` axes.
-    pub fn contains(&self, place: &SamplePoint, dimensions: usize) -> bool {
-        let ends = self.lower.iter().zip(&self.upper).take(dimensions);
-        ends.zip(place).all(|((lower, upper), at)| lower <= at && at < upper)
-    }
-
     /// The centre of the box.
     pub fn centre(&self) -> SamplePoint {
         self.at(&[0.5; MOST_DIMENSIONS], self.lower.len())
@@ -71,27 +65,104 @@ impl SampleBox {
         [below, above]
     }
 
-    /// Whether the box and another one have a common point, on their faces at least.
-    pub fn touches(&self, other: &Self) -> bool {
-        let meets = |a: usize| self.lower[a] <= other.upper[a] && other.lower[a] <= self.upper[a];
-        (0..self.lower.len()).all(meets)
-    }
-
-    /// The least box around this one and another.
-    pub fn around(&self, other: &Self) -> Self {
-        let each = |of: fn(f64, f64) -> f64, a: &[f64], b: &[f64]| {
-            a.iter().zip(b).map(|(a, b)| of(*a, *b)).collect()
-        };
-        Self {
-            lower: each(f64::min, &self.lower, &other.lower),
-            upper: each(f64::max, &self.upper, &other.upper),
-        }
-    }
-
     /// `∏ (upper − lower)` over the axes for which `counts` is true.
     pub fn volume(&self, counts: impl Fn(usize) -> bool) -> f64 {
-        let width = |a: usize| self.upper[a] - self.lower[a];
-        (0..self.lower.len()).filter(|a| counts(*a)).map(width).product()
+        (0..self.lower.len()).filter(|a| counts(*a)).map(|a| self.width(a)).product()
+    }
+
+    fn width(&self, axis: usize) -> f64 {
+        self.upper[axis] - self.lower[axis]
+    }
+
+    /// The number of the box around `place`, along the first `dimensions` axes, if this has 0.
+    fn number(&self, place: &SamplePoint, dimensions: usize) -> BoxNumber {
+        let along = |a: usize| ((place[a] - self.lower[a]) / self.width(a)).floor() as i32;
+        std::array::from_fn(|a| if a < dimensions { along(a) } else { 0 })
+    }
+}
+
+/// The place of a box among equal ones, in widths of a box along each axis.
+type BoxNumber = [i32; MOST_DIMENSIONS];
+
+/// Equal boxes of a regular grid.
+#[derive(Clone, Debug)]
+pub struct BoxSet {
+    /// The box with the number 0.
+    origin: SampleBox,
+    /// The numbers of the boxes, in order.
+    numbers: Vec<BoxNumber>,
+}
+
+impl From<SampleBox> for BoxSet {
+    fn from(own: SampleBox) -> Self {
+        Self { origin: own, numbers: vec![[0; MOST_DIMENSIONS]] }
+    }
+}
+
+impl BoxSet {
+    /// Equal boxes of a regular grid, in sets of those that touch, on their faces at least.
+    pub fn connected(boxes: &[SampleBox]) -> Vec<Self> {
+        let Some(origin) = boxes.first() else { return Vec::new() };
+        let centred = |own: &SampleBox| origin.number(&own.centre(), own.lower.len());
+        let mut left: Vec<BoxNumber> = boxes.iter().map(centred).collect();
+        let mut sets = Vec::new();
+        while let Some(first) = left.pop() {
+            let mut numbers = vec![first];
+            let mut next = 0;
+            while let Some(own) = numbers.get(next).copied() {
+                let touches = |other: &BoxNumber| {
+                    own.iter().zip(other).all(|(own, other)| own.abs_diff(*other) <= 1)
+                };
+                numbers.extend(left.extract_if(.., |other| touches(other)));
+                next += 1;
+            }
+            numbers.sort_unstable();
+            sets.push(Self { origin: origin.clone(), numbers });
+        }
+        sets
+    }
+
+    /// The place of the point `unit` of the unit cube, along the first `dimensions` axes: each box
+    /// has an equal part of its first coordinate.
+    pub fn at(&self, unit: &SamplePoint, dimensions: usize) -> SamplePoint {
+        let count = self.numbers.len();
+        let along = unit[0] * count as f64;
+        let number = self.numbers[(along as usize).min(count - 1)];
+        let mut own = *unit;
+        own[0] = along.fract();
+        for (unit, number) in own.iter_mut().zip(number) {
+            *unit += f64::from(number);
+        }
+        self.origin.at(&own, dimensions)
+    }
+
+    /// Whether `place` is in one of the boxes, without their upper ends, along the first
+    /// `dimensions` axes.
+    pub fn contains(&self, place: &SamplePoint, dimensions: usize) -> bool {
+        self.has(&self.origin.number(place, dimensions))
+    }
+
+    fn has(&self, number: &BoxNumber) -> bool {
+        self.numbers.binary_search(number).is_ok()
+    }
+
+    /// The width of the boxes that follow each other along an axis from that of `place`.
+    pub fn width_at(&self, place: &SamplePoint, axis: usize) -> f64 {
+        let own = self.origin.number(place, self.origin.lower.len());
+        let steps = |step: i32| {
+            let mut next = own;
+            next[axis] += step;
+            while self.has(&next) {
+                next[axis] += step;
+            }
+            next[axis].abs_diff(own[axis])
+        };
+        f64::from(steps(1) + steps(-1) - 1) * self.origin.width(axis)
+    }
+
+    /// The sum over the boxes of `∏ (upper − lower)` over the axes for which `counts` is true.
+    pub fn volume(&self, counts: impl Fn(usize) -> bool) -> f64 {
+        self.numbers.len() as f64 * self.origin.volume(counts)
     }
 }
 

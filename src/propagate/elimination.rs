@@ -48,7 +48,7 @@ fn failure(reason: &dyn std::fmt::Debug) -> Error {
     Error::Factors(format!("{reason:?}"))
 }
 
-/// So many zeros, if memory suffices.
+/// A vector of `count` zeros, if memory suffices.
 pub(super) fn zeros(count: usize) -> Result<Vec<Complex64>> {
     let mut list = Vec::new();
     list.try_reserve_exact(count).map_err(|e| failure(&e))?;

@@ -41,7 +41,8 @@ impl Deviation {
         Self::by_transforms(MOST_WINDOW_SAMPLES, series, point, reach)
     }
 
-    /// The same by transforms of at most `longest` samples: of each so many-th one.
+    /// The deviation as [`new`](Self::new) finds it, by transforms of at most `longest` samples: the
+    /// first takes every `k`-th sample, the next one those after them.
     fn by_transforms(
         longest: usize,
         series: &Series,

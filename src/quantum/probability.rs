@@ -166,7 +166,7 @@ impl PlannedState {
         }
     }
 
-    /// The same state in a register, which has a power of two of points.
+    /// This state in a register, which has a power of two of points.
     pub fn in_register(self) -> Self {
         Self { points: self.points.next_power_of_two(), ..self }
     }

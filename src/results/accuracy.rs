@@ -34,7 +34,7 @@ pub fn smeared_density(shown: f64, of_field: f64) -> f64 {
 
 /// Relative errors of the grid that particles of the exact flow show; `None` where they do not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ParticleErrors {
+pub struct ErrorsByParticles {
     /// Of `f` in L2, beyond the scatter: at least this.
     pub field: Option<f64>,
     /// Of `f` in L2, where the scatter is small: about this.
@@ -60,8 +60,8 @@ pub struct ParticleErrors {
 pub struct EstimatedErrors {
     /// Relative L2 errors of `f` and of the density.
     pub grid: GridErrorPair,
-    /// That of the density as its own coefficients show it, with elements. The error of `f` may
-    /// be smeared out there, so that `grid` counts more.
+    /// Relative L2 error of the density as its own coefficients show it, with elements. The error
+    /// of `f` may be smeared out there, so that `grid` counts more.
     pub density_shown: Option<f64>,
     /// With velocity cells of degree 0: the largest error that a jump of `V` adds, by interpolation
     /// or overlap between cells, relative to `f` in L2, by velocity axis.
@@ -111,7 +111,11 @@ impl EstimatedErrors {
     /// which paths are off, if it is no larger than the error of `f` that `particles` show, or else
     /// the estimate. The density is shifted as a whole then, so that neither its own coefficients
     /// nor the square of the error of `f` show it.
-    pub fn raise_density_to_potential_share(self, share: f64, particles: &ParticleErrors) -> Self {
+    pub fn raise_density_to_potential_share(
+        self,
+        share: f64,
+        particles: &ErrorsByParticles,
+    ) -> Self {
         let of_field = particles.field_mean.or(self.field_or_rough_particles(particles));
         let least = of_field.map_or(share, |error| error.min(share));
         let density = self.grid.density.map(|error| error.max(least));
@@ -123,7 +127,7 @@ impl EstimatedErrors {
     /// That of `f` is at least what they show with a large scatter. That of the density is no
     /// larger than what they and its own coefficients leave room for, and at least what they and
     /// their masses show. Where `f` was smeared out, the solution itself shows neither.
-    pub fn with_particles(self, particles: &ParticleErrors) -> GridErrorPair {
+    pub fn with_particles(self, particles: &ErrorsByParticles) -> GridErrorPair {
         let most = self
             .density_shown
             .map_or(f64::INFINITY, |shown| particles.largest_density_error_beside(shown));
@@ -136,13 +140,13 @@ impl EstimatedErrors {
 
     /// The error of `f`, but at least what particles show whose scatter is large. Those whose
     /// scatter is small take the place of an estimate.
-    fn field_or_rough_particles(self, particles: &ParticleErrors) -> Option<f64> {
+    fn field_or_rough_particles(self, particles: &ErrorsByParticles) -> Option<f64> {
         let rough = particles.field_rough.filter(|_| particles.field_mean.is_none());
         self.grid.field.into_iter().chain(rough).reduce(f64::max)
     }
 }
 
-impl ParticleErrors {
+impl ErrorsByParticles {
     /// These errors where the paths of the particles are off by themselves, by the relative L2
     /// error `traced` of `f`: beyond that, and no mean of which it is a large part.
     pub fn beyond_tracing(self, traced: f64) -> Self {
@@ -180,7 +184,7 @@ pub enum ErrorSource {
     Measured,
     /// Estimated from the solution, and from particles whose scatter is large.
     Estimated,
-    /// Shown by particles of the exact flow.
+    /// SampleLevel by particles of the exact flow.
     Particles,
     /// The error of the result from which the run continues, which is larger than the estimate.
     Inherited,
@@ -220,12 +224,13 @@ pub struct Accuracy {
     /// Relative L1 distance of the density to the cell averages of the exact one, which
     /// `solver.accuracy` bounds; `None` without `solver.accuracy` or `[exact]`.
     pub goal_error: Option<f64>,
-    /// That error, as expected by the trials that chose the grid for `solver.accuracy`.
+    /// The value of `goal_error` that the trials expected which chose the grid for
+    /// `solver.accuracy`.
     #[serde(default)]
     pub goal_estimate: Option<f64>,
     /// The grid's errors that particles of the exact flow show.
     #[serde(default)]
-    pub particles: ParticleErrors,
+    pub particles: ErrorsByParticles,
     /// The grid's errors of the result from which the run continues: that of `f` relative to `f` at
     /// the end of the run.
     #[serde(default)]
@@ -362,7 +367,7 @@ impl Accuracy {
 
     /// Whether nothing but an estimate from the solution is known of the grid's error.
     pub fn is_estimated_only(&self) -> bool {
-        let ParticleErrors { field, field_mean, field_rough, .. } = self.particles;
+        let ErrorsByParticles { field, field_mean, field_rough, .. } = self.particles;
         let by_particles = [field, field_mean, field_rough].iter().any(Option::is_some);
         !self.grid_measured && !by_particles && self.worst() > 0.0
     }
@@ -520,21 +525,21 @@ mod tests {
             density_shown: Some(0.001),
             interpolation: None,
         };
-        let none = ParticleErrors::default();
-        let with = |particles: ParticleErrors| {
+        let none = ErrorsByParticles::default();
+        let with = |particles: ErrorsByParticles| {
             let found = estimated.with_particles(&particles);
             [found.field, found.density].map(|error| error.expect("an error"))
         };
         assert_eq!(with(none), [0.02, 0.001]);
-        assert_eq!(with(ParticleErrors { field_rough: Some(0.03), ..none }), [0.03, 0.001]);
-        assert_eq!(with(ParticleErrors { field_rough: Some(0.01), ..none }), [0.02, 0.001]);
-        let mean = ParticleErrors { field_mean: Some(0.03), field_rough: Some(0.03), ..none };
+        assert_eq!(with(ErrorsByParticles { field_rough: Some(0.03), ..none }), [0.03, 0.001]);
+        assert_eq!(with(ErrorsByParticles { field_rough: Some(0.01), ..none }), [0.02, 0.001]);
+        let mean = ErrorsByParticles { field_mean: Some(0.03), field_rough: Some(0.03), ..none };
         assert_eq!(with(mean), [0.02, 0.001]);
-        let smeared = ParticleErrors { density_smeared: Some(0.005), ..none };
+        let smeared = ErrorsByParticles { density_smeared: Some(0.005), ..none };
         assert_eq!(with(smeared), [0.02, 0.005]);
-        assert_eq!(with(ParticleErrors { density_most: Some(0.002), ..smeared }), [0.02, 0.004]);
+        assert_eq!(with(ErrorsByParticles { density_most: Some(0.002), ..smeared }), [0.02, 0.004]);
         for of_masses in [0.07, 0.7] {
-            let particles = ParticleErrors { density: Some(of_masses), ..smeared };
+            let particles = ErrorsByParticles { density: Some(of_masses), ..smeared };
             assert_eq!(with(particles), [0.02, of_masses]);
             // A large one is reported as that of particles.
             let found = Accuracy { particles, ..Accuracy::default() };
@@ -566,11 +571,11 @@ mod tests {
     /// Means and parts count only where paths are far more accurate than `f`.
     #[test]
     fn errors_of_paths_hide_those_of_f() {
-        let shown = ParticleErrors {
+        let shown = ErrorsByParticles {
             field_mean: Some(0.1),
             field_rough: Some(0.1),
             density_smeared: Some(0.02),
-            ..ParticleErrors::default()
+            ..ErrorsByParticles::default()
         };
         let keeps = |traced: f64| {
             let found = shown.beyond_tracing(traced);

@@ -2,7 +2,7 @@
 //!
 //! | file | what it does |
 //! |---|---|
-//! | `draw` | the sheet: panels in a grid, title, caption |
+//! | `draw` | the layout: panels in a grid, title, caption |
 //! | `panel` | a panel as a chart of `plotters`, with its layers, notes, colour bar and legend |
 //! | `extent` | ends of axes, from the data |
 //! | `ticks` | axes for `plotters`, with their ticks |
@@ -68,11 +68,11 @@ impl Figure {
 
 /// The document.
 fn svg(figure: &Figure) -> FileResult<String> {
-    let sheet = Sheet::new(figure);
+    let layout = FigureLayout::new(figure);
     let mut text = String::new();
-    let [width, height] = sheet.pixels();
-    sheet.draw(&SVGBackend::with_string(&mut text, (width, height)).into_drawing_area())?;
-    // The sheet is drawn at twice its size, so that half points are whole pixels. `plotters` writes
+    let [width, height] = layout.pixels();
+    layout.draw(&SVGBackend::with_string(&mut text, (width, height)).into_drawing_area())?;
+    // The layout is drawn at twice its size, so that half points are whole pixels. `plotters` writes
     // a wrong media type for pictures.
     let from = format!("width=\"{width}\" height=\"{height}\"");
     let to = format!("width=\"{}\" height=\"{}\"", width / 2, height / 2);
@@ -81,15 +81,15 @@ fn svg(figure: &Figure) -> FileResult<String> {
 
 /// The figure as a PNG file.
 fn png_bytes(figure: &Figure) -> FileResult<Vec<u8>> {
-    let sheet = Sheet::new(figure);
-    let [width, height] = sheet.pixels();
+    let layout = FigureLayout::new(figure);
+    let [width, height] = layout.pixels();
     let mut pixels = vec![0; 3 * width as usize * height as usize];
-    sheet.draw(&BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area())?;
+    layout.draw(&BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area())?;
     png_file([width, height], &pixels, |encoder| encoder.set_color(png::ColorType::Rgb))
 }
 
 /// The layout of a figure, in points.
-pub(crate) struct Sheet<'a> {
+pub(crate) struct FigureLayout<'a> {
     figure: &'a Figure,
     frames: Vec<PanelFrame<'a>>,
     title: Vec<String>,
@@ -102,7 +102,7 @@ pub(crate) struct Sheet<'a> {
     top: f64,
 }
 
-impl<'a> Sheet<'a> {
+impl<'a> FigureLayout<'a> {
     fn new(figure: &'a Figure) -> Self {
         let frames: Vec<PanelFrame> =
             (figure.panels.iter()).map(|panel| PanelFrame::new(panel, figure.frame)).collect();
@@ -246,7 +246,7 @@ mod tests {
         let bytes = std::fs::read(png).unwrap();
         assert_eq!(&bytes[1..4], b"PNG");
         let number = |at: usize| u32::from_be_bytes(bytes[at..at + 4].try_into().unwrap());
-        let size = Sheet::new(&example()).pixels();
+        let size = FigureLayout::new(&example()).pixels();
         assert_eq!([number(16), number(20)], size);
         assert!(bytes.len() > 20_000);
     }

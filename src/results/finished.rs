@@ -3,16 +3,21 @@
 
 use crate::base::disk::{self, failure};
 use crate::base::error::{Error, Result};
+use crate::base::log::eprint_wrapped;
 use crate::base::version::{self, GIT, PROGRAM};
 use crate::parallel::communicator::Group;
 use crate::problem::case::{Case, differing_setting};
 use crate::quantum::readout;
+use crate::results::accuracy::Accuracy;
+use crate::results::continued_result::ContinuedResult;
 use crate::results::dataset::RESULT;
 use crate::results::readback::{StoredCase, text_attribute};
 use crate::results::untrusted::{self, Inspection};
+use crate::results::verdict::MissedGoals;
 use crate::results::{file_checksums, files, given_files, pictures, report, summary, warped};
 use crate::solve::checkpoint::store;
 use hdf5::File;
+use serde::Deserialize;
 use std::path::Path;
 use std::time::SystemTime;
 
@@ -42,6 +47,21 @@ pub fn is_finished(world: &Group, directory: &Path, case: &Case) -> Result<bool>
         Some(file) => Err(file_checksums::not_listed(directory, &file.name)),
         None => Ok(true),
     }
+}
+
+/// Whether `directory` holds the finished results of `case`. Damaged results count as unfinished,
+/// and are reported in the words of the caller: `warning` of the damage. Collective.
+pub fn is_done(
+    world: &Group,
+    directory: &Path,
+    case: &Case,
+    warning: impl Fn(&Error) -> String,
+) -> bool {
+    let found = is_finished(world, directory, case);
+    if let (Err(damage), true) = (&found, world.is_first()) {
+        eprint_wrapped(&format!("warning: {}", warning(damage)));
+    }
+    matches!(found, Ok(true))
 }
 
 /// Whether the run of `case` in `directory` came to its end, as far as names, dates of given files
@@ -236,4 +256,35 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
     // This fails if the folder holds anything else, which is intended.
     let _ = std::fs::remove_dir(directory.join(pictures::FOLDER));
     Ok(())
+}
+
+/// Returns an error if the finished run of `case` in `directory` misses its goals and
+/// `solver.strict` is set. Collective.
+///
+/// # Errors
+/// [`Error::Missed`]; [`Error::Output`] if its summary
+/// cannot be read.
+pub fn refuse_missed(world: &Group, directory: &Path, strict: bool) -> Result<()> {
+    world.on_first_rank(|| {
+        let missed = MissedGoals::deserialize(&summary::read(directory)?["missed"]);
+        missed.unwrap_or_default().refuse(strict)
+    })
+}
+
+/// The lines about the errors of the finished run in `directory`, and the goals that it misses, the
+/// latter not if they are an error (`strict`). On other ranks than the first they are empty.
+/// Collective.
+///
+/// # Errors
+/// [`Error::Output`] if its summary cannot be read.
+pub fn lines_about_errors(world: &Group, directory: &Path, strict: bool) -> Result<Vec<String>> {
+    world.on_first_rank(|| {
+        let stored = summary::read(directory)?;
+        let accuracy = Accuracy::deserialize(&stored["accuracy"]).unwrap_or_default();
+        let missed = MissedGoals::deserialize(&stored["missed"]).unwrap_or_default();
+        let missed = missed.line().filter(|_| !strict);
+        let continued = ContinuedResult::deserialize(&stored["continued"]).ok();
+        let inherited = continued.as_ref().map(ContinuedResult::line);
+        Ok(inherited.into_iter().chain(accuracy.line()).chain(missed).collect())
+    })
 }

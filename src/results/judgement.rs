@@ -200,7 +200,7 @@ fn missed_goals(case: &Case, summary: &Summary) -> MissedGoals {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::results::accuracy::ParticleErrors;
+    use crate::results::accuracy::ErrorsByParticles;
 
     /// A goal without an exact solution is missed if particles show a larger error of the density,
     /// and not by a smaller one, nor against a measured error.
@@ -211,7 +211,8 @@ mod tests {
                     [initial]\nf = \"1\"\n[time]\nend = 1\n[solver]\naccuracy = 1e-2\n";
         let case = Case::parse("test", text, &[]).expect("a case");
         let judged = |shown: f64, measured: Option<f64>| {
-            let particles = ParticleErrors { density: Some(shown), ..ParticleErrors::default() };
+            let particles =
+                ErrorsByParticles { density: Some(shown), ..ErrorsByParticles::default() };
             let accuracy = Accuracy { particles, goal_error: measured, ..Accuracy::default() };
             let mut summary = Summary { accuracy, ..Summary::default() };
             let grid = GridErrorPair { field: Some(1e-3), density: Some(1e-3) };
@@ -223,7 +224,7 @@ mod tests {
         assert!(missed.contains("MISSED: 2.00e-1 (relative L1, shown by particles)"), "{missed}");
         assert!(under_resolved);
         // What is advised is for the missed goal: no tolerance is too small for a grid.
-        let particles = ParticleErrors { density: Some(0.02), ..ParticleErrors::default() };
+        let particles = ErrorsByParticles { density: Some(0.02), ..ErrorsByParticles::default() };
         let accuracy = Accuracy { particles, goal: Some(1e-2), ..Accuracy::default() };
         let remedy = accuracy.remedy(&case);
         assert!(remedy.starts_with("more cells (at least 2 times as many"), "{remedy}");
@@ -246,7 +247,7 @@ mod tests {
         let grid = GridErrorPair { field: Some(1e-3), density: Some(1e-3) };
         let judged = |case: &Case, by_particles: Option<f64>, measured: Option<f64>| {
             let particles =
-                ParticleErrors { field_mean: by_particles, ..ParticleErrors::default() };
+                ErrorsByParticles { field_mean: by_particles, ..ErrorsByParticles::default() };
             let accuracy = Accuracy { particles, ..Accuracy::default() };
             let mut summary =
                 Summary { accuracy, error_l2_relative: measured, ..Summary::default() };
@@ -270,7 +271,8 @@ mod tests {
         let judged = |degree: usize, goal_error: Option<f64>, shown: f64| {
             let text = format!("{text}accuracy = 0.1\n[scheme]\ndegree = {degree}\n");
             let case = Case::parse("test", &text, &[]).expect("a case");
-            let particles = ParticleErrors { field: Some(shown), ..ParticleErrors::default() };
+            let particles =
+                ErrorsByParticles { field: Some(shown), ..ErrorsByParticles::default() };
             let accuracy = Accuracy { particles, goal_error, ..Accuracy::default() };
             let measured = Some(0.09);
             let mut summary =

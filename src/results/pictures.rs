@@ -102,7 +102,7 @@ pub fn draw(run: &StoredRun, beside: Option<&StoredRun>, cuts: &[Cut]) -> Result
         )));
     }
     let runs = Runs::new(run, beside);
-    let usual = Cut::usual(run, &[run.end()]);
+    let usual = Cut::densest(run, &[run.end()]);
     let cuts = if cuts.is_empty() { std::slice::from_ref(&usual) } else { cuts };
     let mut album = Album { pictures: Vec::new(), left_out: Vec::new() };
     for (k, cut) in (1..).zip(cuts) {

@@ -83,7 +83,7 @@ struct OriginErrors {
 }
 
 impl OriginErrors {
-    /// Those of the result of `case` in a directory.
+    /// The errors of the result of `case` in a directory.
     fn of(directory: &Path, case: Option<&Case>) -> Self {
         let Ok(summary) = summary::read(directory) else { return Self::default() };
         let accuracy = &summary["accuracy"];

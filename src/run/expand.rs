@@ -3,6 +3,7 @@
 use crate::base::error::Result;
 use crate::matrix::observables::{CellVolumes, Moments, Totals, moments};
 use crate::parallel::communicator::Group;
+use crate::problem::case::Case;
 use crate::problem::potential::nodal_values;
 use crate::results::dataset::{EarlyResult, ExactSolution, slices};
 use crate::results::result_grid::ResultGrid;
@@ -13,6 +14,7 @@ use crate::run::norms::FieldNorms;
 use crate::run::positive;
 use crate::run::solved::SolvedFields;
 use crate::solve::prepared::Prepared;
+use std::ops::Range;
 use std::time::Instant;
 
 /// Fields and moments on this rank's share of the user's grid.
@@ -69,20 +71,30 @@ pub(crate) fn expand(
     summary.minimum = summary.fields[0].minimum;
     summary.maximum = summary.fields[0].maximum;
     let began = Instant::now();
-    let result = ResultOnShare {
-        world,
-        case,
-        share: &result_grid.share(share),
-        volumes: &volumes,
-        field: &fields[0],
-        moments: &moments,
-    };
-    result.set_errors(exact, summary, prints)?;
+    let mut results =
+        ExpandedResults { fields, moments, potential, totals, early, exact_seconds: 0.0 };
+    let share = result_grid.share(share);
+    results.on_share(world, case, &share, &volumes).set_errors(exact, summary, prints)?;
     if case.accuracy.is_some() {
         summary.accuracy.goal_error = summary.error_density_l1_relative;
     }
-    let exact_seconds = began.elapsed().as_secs_f64();
-    Ok(ExpandedResults { fields, moments, potential, totals, early, exact_seconds })
+    results.exact_seconds = began.elapsed().as_secs_f64();
+    Ok(results)
+}
+
+impl ExpandedResults {
+    /// The first field and its moments, which are on this `share` of the space cells of `case` with
+    /// these `volumes`.
+    pub fn on_share<'a>(
+        &'a self,
+        world: &'a Group,
+        case: &'a Case,
+        share: &'a [Range<usize>],
+        volumes: &'a CellVolumes,
+    ) -> ResultOnShare<'a> {
+        let (field, moments) = (&self.fields[0], &self.moments);
+        ResultOnShare { world, case, share, volumes, field, moments }
+    }
 }
 
 impl ResultOnShare<'_> {

@@ -15,7 +15,7 @@ use crate::matrix::block_matrix::BlockMatrix;
 use crate::matrix::observables::{CellVolumes, Totals};
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::problem::exact::{MOST_EXAMINED, MostCells, Tracer};
+use crate::problem::exact::{CellLimits, MOST_EXAMINED, Tracer};
 use crate::problem::grid::{AxisEnd, PhaseSpace, axis_names, coordinate};
 use crate::problem::potential::{Potential, RegionWidth, region_widths};
 use crate::problem::sample_box::{SampleBox, SampleSequence};
@@ -105,12 +105,12 @@ pub fn before_run(world: &Group, case: &Case) -> Result<LedgerBeforeRun> {
         if case.follows_from_formulas() {
             // The ledger counts from the start of the run, these particles from time 0.
             let whole = case.from_time_zero();
-            let tracer = Tracer::with_cells(&whole, MostCells::ESTIMATES)?.forward();
+            let tracer = Tracer::with_cells(&whole, CellLimits::ESTIMATES)?.forward();
             let arrivals = estimate(world, &whole, &tracer, &mut Ledger::default());
             found.keep(arrivals, &tracer, case);
         }
     } else {
-        let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?.forward();
+        let tracer = Tracer::with_cells(case, CellLimits::ESTIMATES)?.forward();
         let arrivals = estimate(world, case, &tracer, ledger);
         found.keep(arrivals, &tracer, case);
     }
@@ -306,7 +306,8 @@ fn replicated(
     let many = points / REPLICATES;
     let tallies: Vec<[f64; NUMBERS]> = mine
         .map(|replicate| {
-            let sequence = SampleSequence::new(sampler.dimensions(), source.seed(replicate));
+            let sequence =
+                SampleSequence::new(sampler.case.source_dimensions(), source.seed(replicate));
             let drawn = sampler.draw(source, &sequence, 0..many);
             let mut tally = ParticleTally::default();
             drawn.iter().for_each(|particle| tally.add(particle, 1.0 / many as f64));

@@ -9,7 +9,7 @@ use crate::plan::ProvisionalPlan;
 use crate::plan::layout::Resources;
 use crate::problem::case::{Case, Exact};
 use crate::problem::grid::{MAX_DIMENSION, axis_names};
-use crate::results::accuracy::{EstimatedErrors, ParticleErrors, is_large};
+use crate::results::accuracy::{ErrorsByParticles, EstimatedErrors, is_large};
 use crate::results::dataset::{EarlyResult, PlateauPoint};
 use crate::results::finished::{is_finished, refuse_to_replace};
 use crate::results::ledger::Ledger;
@@ -176,17 +176,14 @@ impl<'a> Driver<'a> {
         let at_start = at_start(&mut planned.prepared);
         let totals = at_start.as_ref().map(|found| found.totals);
         self.summary.mass_initial = totals.map(|totals| totals.mass);
-        let LedgerBeforeRun { mut ledger, arrivals } = match self.output {
-            Some(_) => ledger::before_run(&self.world.group(), &reduced.result_grid.case)?,
-            None => LedgerBeforeRun::default(),
-        };
-        let entered = match self.output {
-            Some(_) => ledger::entered_mass(&planned.prepared, &mut ledger),
-            None => None,
-        };
+        let (mut before, mut entered) = (LedgerBeforeRun::default(), None);
         if self.output.is_some() {
-            ledger::absolute_masses(&planned.prepared, &mut ledger, totals, entered);
+            before = ledger::before_run(&self.world.group(), &reduced.result_grid.case)?;
+            let ledger = &mut before.ledger;
+            entered = ledger::entered_mass(&planned.prepared, ledger);
+            ledger::absolute_masses(&planned.prepared, ledger, totals, entered);
         }
+        let LedgerBeforeRun { ledger, arrivals } = before;
         let entered = entered.map(|entered| entered.signed);
         // Memory of the particles' paths goes back before the solve.
         memory::give_back();
@@ -277,7 +274,7 @@ impl<'a> Driver<'a> {
         exact: &ExactRun,
     ) -> Option<[f64; MAX_DIMENSION]> {
         let case = result.case;
-        let mut by_paths = ParticleErrors::default();
+        let mut by_paths = ErrorsByParticles::default();
         if self.output.is_some() && case.reflects() && case.follows_from_formulas() {
             // Where V is not finite on other cells, they are not known.
             by_paths = random_paths::errors(result).unwrap_or_default();
@@ -289,7 +286,7 @@ impl<'a> Driver<'a> {
         let traced = arrivals.tracing_error(case).unwrap_or(None);
         let particles = arrivals.errors(result).beyond_tracing(traced.unwrap_or(0.0));
         let of_density = particles.density.filter(|_| case.reflects());
-        self.summary.accuracy.particles = ParticleErrors {
+        self.summary.accuracy.particles = ErrorsByParticles {
             // In L1 the error of `f` is no smaller than that of the density.
             field: particles.field.or(by_paths.field).or(of_density),
             field_mean: particles.field_mean.or(by_paths.field_mean),
@@ -370,14 +367,7 @@ impl<'a> Driver<'a> {
         ledger.close(start.totals, results.totals, start.entered);
         self.log.warn_later(ledger.warnings());
         self.summary.ledger = Some(ledger);
-        let result = ResultOnShare {
-            world,
-            case: &case,
-            share: &rank_cells.share,
-            volumes: &volumes,
-            field: &results.fields[0],
-            moments: &results.moments,
-        };
+        let result = results.on_share(world, &case, &rank_cells.share, &volumes);
         let smearing = self.compare_with_particles(&start.arrivals, &result, &exact);
         self.log.warn_later(self.summary.exact_field_warning());
         let by_formula = matches!(case.exact, Some(Exact::Formula(_)));

@@ -15,6 +15,7 @@ use std::path::Path;
 
 /// A run that is expected to take more than this multiple of the budget gives a warning.
 const LONG_RUN: f64 = 10.0;
+
 /// Checksum of the text, the options and the table files that a case was read from.
 fn checksum_of(case: &Case) -> String {
     let tables: Vec<Option<u64>> = case.tables.iter().map(|file| file.checksum).collect();
@@ -41,7 +42,7 @@ pub struct CaseBefore {
 }
 
 impl CaseBefore {
-    /// That of `case`.
+    /// The checksum and the number of options of `case`.
     pub fn new(case: &Case) -> Self {
         Self { checksum: checksum_of(case), options: case.overrides.len() }
     }

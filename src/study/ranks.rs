@@ -11,7 +11,7 @@
 use crate::base::error::{Error, Result};
 use crate::base::text::{bytes_text, counted, joined, shortened, time_text};
 use crate::plan::Plan;
-use crate::plan::advice::MachineNode;
+use crate::plan::job_request::MachineNode;
 use crate::plan::layout::BlockRows;
 use crate::problem::case::Case;
 use crate::study::calibrate::CalibratedRun;

@@ -18,7 +18,7 @@ use crate::base::text::json_text;
 use crate::parallel::communicator::World;
 use crate::problem::case::{self, Case, Method};
 use crate::results::dataset::RESULT;
-use crate::results::summary;
+use crate::results::{finished, summary};
 use crate::run;
 use crate::run::options::Options;
 use crate::solve::checkpoint::store;
@@ -181,7 +181,7 @@ impl Sweep {
         match self.attempt(world, run, options) {
             Ok(done) => {
                 self.report_end(world, run, &completion(done));
-                run::refuse_missed(world, &run.directory, self.case(run)?.strict)
+                finished::refuse_missed(&world.group(), &run.directory, self.case(run)?.strict)
             }
             Err(error) if error.exit_code() == CAN_GO_ON => {
                 Err(self.stopped(reason_text(&error), 0, 1))
@@ -244,8 +244,9 @@ impl Sweep {
     pub fn collect(&self, world: &World) -> Result<SweepTable> {
         let mut table = SweepTable::new(&self.keys);
         let damaged = |damage: &Error| format!("{damage}: damaged, and so not finished");
-        let is_done =
-            |run: &SweepRun, case: &Case| run::is_done(world, &run.directory, case, damaged);
+        let is_done = |run: &SweepRun, case: &Case| {
+            finished::is_done(&world.group(), &run.directory, case, damaged)
+        };
         for run in &self.runs {
             table.rows.push(match self.case(run) {
                 Ok(case) if is_done(run, &case) => self.row(world, run)?,
@@ -302,7 +303,8 @@ impl Sweep {
     /// and `solver.strict` makes that an error. Only the first rank has the summary. Collective.
     fn row(&self, world: &World, run: &SweepRun) -> Result<SweepRow> {
         let found = world.group().on_first_rank(|| summary::read(&run.directory))?;
-        let missed = run::refuse_missed(world, &run.directory, self.case(run)?.strict);
+        let missed =
+            finished::refuse_missed(&world.group(), &run.directory, self.case(run)?.strict);
         Ok(run.row(found, missed.err().map(|error| error.to_string())))
     }
 

@@ -3,10 +3,10 @@
 
 use crate::support::{
     Finished, Job, Mistake, RankMesh, SLOPES, Summary, all_refused, at_most, case, check_all,
-    datasets, differences, directory, field, json_of, near, on_results, run, text_of, written,
+    datasets, differences, directory, field, json_of, near, on_results, parsed, run, text_of,
+    written,
 };
 use phasewarp::base::text::{one_digit, rounded_down, short};
-use phasewarp::problem::case::Case;
 use serde_json::Value;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -1372,7 +1372,7 @@ fn invalid_schemes_are_refused() {
     all_refused(rows, |(setting, wording), _| Mistake::set(REFLECTING, &[setting], wording));
     // A region that reflects nothing is as any other.
     let nothing = ["potential.0.reflection=0", "exact={kind='characteristics'}"];
-    let read = Case::load(Path::new(&case(REFLECTING)), &nothing.map(str::to_owned)).unwrap();
+    let read = parsed(REFLECTING, &nothing).unwrap();
     assert!(!read.reflects());
     let slopes = ["scheme.limiter=van-leer", SLOPES[0], SLOPES[1]];
     let wording = ["scheme.limiter = \"van-leer\"", "degree 0", "scheme.degree"];

@@ -1,7 +1,8 @@
 //! `phasewarp advise`: an advised run reaches the accuracy, and a run on half the cells does not.
 
-use crate::support::{Job, case, check_all, directory};
-use crate::support::{datasets, json_of, written};
+use crate::support::{
+    Job, case, check_all, datasets, directory, json_of, number, numbers, written,
+};
 use serde_json::Value;
 use std::path::Path;
 
@@ -31,14 +32,6 @@ fn entry<'a>(advised: &'a Value, name: &str) -> Result<&'a Value, String> {
     let entries = advised["entries"].as_array().into_iter().flatten();
     let mut named = entries.filter(|e| e["name"].as_str().is_some_and(|n| n.starts_with(name)));
     named.next().ok_or_else(|| format!("no {name}: {advised:#}"))
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or(f64::NAN)
-}
-
-fn numbers(value: &Value) -> Vec<f64> {
-    value.as_array().into_iter().flatten().map(number).collect()
 }
 
 /// Relative L1 distance of `/density` of [`SMOOTH`] to the exact one, averaged over the cells.

@@ -1,12 +1,11 @@
 //! `phasewarp export-circuit`: the circuit that it writes is simulated here by independent code.
 //! Its block is the matrix `H` of `export-quantum`.
 
-use crate::support::{Job, case, check_all, directory, json_of, text_of};
+use crate::support::{check_all, directory, json_of, of_case, text_of};
 use num_complex::Complex64;
 use serde_json::Value;
 use std::collections::HashMap;
 use std::f64::consts::{FRAC_1_SQRT_2, FRAC_PI_4, TAU};
-use std::path::Path;
 
 /// A grid of 8 velocities with cells of 0.4, on which the step of 0.2 has 2.5 levels; a short time,
 /// so that there are few modes.
@@ -81,11 +80,6 @@ const SLOPES: &[&str] = &["axis.0.x.lower=-1", "axis.0.x.upper=1"];
 /// A potential in the plane with slopes along both axes and without jumps.
 const BOWL: &[&str] = &["potential.0.where=x < 9", "potential.0.value=x^2/2 + 0.3*x*y"];
 const CLOSED: &[&str] = &["scheme.flux=0", "scheme.ends=closed", "solver.tolerance=0.1"];
-
-fn export(command: &str, name: &str, settings: &[&str], place: &Path) -> Job {
-    let place = place.display().to_string();
-    Job::new([command, &case(name), "-o", &place]).set(settings)
-}
 
 /// A gate of a circuit: name, angle, qubits.
 struct Gate {
@@ -260,8 +254,8 @@ fn the_block_is_the_exported_hamiltonian() {
     check_all(rows, |(name, settings, options)| {
         let settings = settings.concat();
         let (matrix, circuit) = (directory(), directory());
-        export("export-quantum", name, &settings, matrix.path()).succeed()?;
-        let job = export("export-circuit", name, &settings, circuit.path());
+        of_case("export-quantum", name).set(&settings).into(matrix.path()).succeed()?;
+        let job = of_case("export-circuit", name).set(&settings).into(circuit.path());
         job.with(options.iter().copied()).succeed()?;
         let h = hermitian(&text_of(matrix.path().join("hamiltonian.mtx"))?)?;
         let (gates, system) = parse(&text_of(circuit.path().join("interface.qasm"))?)?;
@@ -321,7 +315,7 @@ fn columns_are_checked_on_any_grid() {
     ];
     check_all(rows, |(name, settings, options, jumps)| {
         let place = directory();
-        let job = export("export-circuit", name, settings, place.path());
+        let job = of_case("export-circuit", name).set(settings).into(place.path());
         let printed = job.with(options.iter().copied().chain(["--check", "25"])).succeed()?.output;
         let about = json_of(place.path().join("circuit.json"))?;
         let about = &about["description"];
@@ -352,7 +346,7 @@ fn rounded_jumps_change_the_matrix_by_no_more_than_the_bound() {
     let mut before = f64::INFINITY;
     for bins in ["0", "2", "4"] {
         let place = directory();
-        let job = export("export-circuit", "barriers.toml", &settings, place.path());
+        let job = of_case("export-circuit", "barriers.toml").set(&settings).into(place.path());
         job.with(["--sub-bins", bins, "--wavenumber", "1", "--check", "600"]).succeed().unwrap();
         let about = json_of(place.path().join("circuit.json")).unwrap();
         let number = |key: &str| about["description"][key].as_f64().unwrap();
@@ -372,7 +366,7 @@ fn exports_are_the_same_on_any_ranks() {
     let files = |ranks: usize| {
         let place = directory();
         let settings = [STEP, MODES].concat();
-        let job = export("export-circuit", "example1.toml", &settings, place.path());
+        let job = of_case("export-circuit", "example1.toml").set(&settings).into(place.path());
         job.on(ranks).succeed().unwrap();
         ["interface.qasm", "circuit.json", "azure.json", "qref.json"]
             .map(|name| text_of(place.path().join(name)).unwrap())
@@ -386,7 +380,7 @@ fn the_interface_is_that_of_resources_unless_it_is_named() {
     let files = |scheme: &str| {
         let place = directory();
         let settings = [STEP, MODES, &[scheme]].concat();
-        let job = export("export-circuit", "example1.toml", &settings, place.path());
+        let job = of_case("export-circuit", "example1.toml").set(&settings).into(place.path());
         let printed = job.succeed().unwrap().output;
         (printed, text_of(place.path().join("circuit.json")).unwrap())
     };
@@ -405,7 +399,7 @@ fn a_ring_has_the_circuit_of_the_unitary_scheme() {
         "potential=[{value='0'}]", "scheme.flux=0",
     ];
     let place = directory();
-    let job = export("export-circuit", "example1.toml", &settings, place.path());
+    let job = of_case("export-circuit", "example1.toml").set(&settings).into(place.path());
     job.with(["--check", "48"]).succeed().unwrap();
     let about = json_of(place.path().join("circuit.json")).unwrap();
     let about = &about["description"];
@@ -436,7 +430,7 @@ fn cases_without_a_circuit_are_refused() {
         let place = directory();
         let new = place.path().join("new");
         let ranks = if k == 0 { 2 } else { 1 };
-        export("export-circuit", name, settings, &new).on(ranks).is_refused(wording)?;
+        of_case("export-circuit", name).set(settings).into(&new).on(ranks).is_refused(wording)?;
         if new.exists() { Err(format!("{} was made", new.display())) } else { Ok(()) }
     });
 }

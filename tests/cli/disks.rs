@@ -3,10 +3,11 @@
 //! fault is repaired, it can be continued. `make test` tries a few moments on each file system,
 //! `make torture` many.
 
-use crate::checkpoint::{OFTEN, Result, random};
+use crate::checkpoint::{OFTEN, Result};
+use crate::dense::random;
 use crate::support::{
-    Finished, Job, Stored, check_all, datasets, differences, directory_on_disk, names_in,
-    number_from_environment, of_case, on_results,
+    Finished, Job, Stored, check_all, datasets, directory_on_disk, equals_whole, half_written,
+    names_in, number_from_environment, of_case, on_results,
 };
 use std::collections::BTreeMap;
 use std::fs;
@@ -197,10 +198,7 @@ fn trial(number: u64, tally: &Mutex<Tally>) -> Result<()> {
     }
     let again = job(kind).on(1 + (2.0 * draw(6)) as usize).into(&results).with(["--resume"]);
     again.succeed()?;
-    let differ = differences(&datasets(&results)?, expected);
-    if !differ.is_empty() {
-        return Err(finished.report(&format!("other bits after the repair in {differ:?}")));
-    }
+    equals_whole(&results, expected, &[]).map_err(|what| finished.report(&what))?;
     if let Some(name) = half_written(&results) {
         return Err(finished.report(&format!("{name} is not removed")));
     }
@@ -222,10 +220,6 @@ fn happen(event: Event, disk: &Disk, results: &Path, room: u64) -> Result<()> {
             Ok(())
         }
     }
-}
-
-fn half_written(results: &Path) -> Option<String> {
-    names_in(results).into_iter().find(|name| name.ends_with(".partial"))
 }
 
 /// Checks that a run succeeded, or ended with a message and left no incomplete file that it could

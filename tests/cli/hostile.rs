@@ -2,8 +2,8 @@
 //! too fine to evaluate. Each job ends soon, with one message.
 
 use crate::support::{
-    Finished, Job, case, change_hdf5, check_all, copy, directory, number_from_environment, of_case,
-    on_results, require, soon, text_of,
+    Job, case, change_hdf5, check_all, copy, directory, ended_by_one_message,
+    number_from_environment, of_case, on_results, small_run, soon, text_of,
 };
 use hdf5::plist::dataset_create::Layout;
 use phasewarp::base::checksum::run_checksum;
@@ -15,13 +15,8 @@ use std::sync::LazyLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 use tempfile::TempDir;
 
-const SMALL: [&str; 5] = [
-    "axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3",
-    "exact={f='0'}",
-];
-
 fn small() -> Job {
-    of_case("run", "example1.toml").set(&SMALL)
+    small_run().set(&["exact={f='0'}"])
 }
 
 /// A run of all kinds of files.
@@ -41,19 +36,6 @@ fn copied() -> TempDir {
     let place = directory();
     copy(RESULTS.path(), place.path()).expect("a copy");
     place
-}
-
-/// Checks that a job ended in time and by itself, with one of the exit codes and one error message
-/// that contains `wording`.
-fn one_message(finished: &Finished, codes: &[i32], wording: &str) -> Result<(), String> {
-    require(finished.code.is_some_and(|code| codes.contains(&code)), finished, || {
-        format!("one of the exit codes {codes:?} expected")
-    })?;
-    soon(finished)?;
-    let errors = finished.errors.lines().filter(|line| line.starts_with("error: ")).count();
-    let crash = ["panicked", "signal", "Signal"].iter().any(|w| finished.errors.contains(w));
-    require(errors == 1 && !crash, finished, || "one message expected".to_owned())?;
-    finished.contains(&finished.errors, &[wording])
 }
 
 /// Name of a harmful change, the change of a file, and a text of the message about it.
@@ -149,7 +131,8 @@ fn hostile_results_are_refused() {
         };
         for command in commands {
             let finished = on_results(command, path).run()?;
-            one_message(&finished, &[1, 2], wording).map_err(|e| format!("{what}: {e}"))?;
+            ended_by_one_message(&finished, &[1, 2], &[wording])
+                .map_err(|e| format!("{what}: {e}"))?;
         }
         Ok(())
     });
@@ -178,7 +161,7 @@ fn a_file_that_hdf5_never_finishes_reading_is_refused() {
         (full().into(path), foreign),
         (continued.with([from]).into(other.path()), endless),
     ];
-    check_all(&jobs, |(job, wording)| one_message(&job.run()?, &[2], wording));
+    check_all(&jobs, |(job, wording)| ended_by_one_message(&job.run()?, &[2], &[wording]));
 }
 
 /// A file of the wrong size is not read: each command refuses it as soon as a small one, or
@@ -198,8 +181,7 @@ fn files_of_any_size_are_refused_without_reading_them() {
         let named = format!("{name}: ");
         for command in ["check-result", "plot", "report"] {
             let finished = on_results(command, path).run()?;
-            one_message(&finished, &[1], &named)?;
-            finished.contains(&finished.errors, &[&format!("{BYTES} bytes")])?;
+            ended_by_one_message(&finished, &[1], &[&named, &format!("{BYTES} bytes")])?;
         }
         let again = full().with(["--resume"]).into(path).succeed()?;
         soon(&again)?;
@@ -237,7 +219,7 @@ fn changed_words_of_results_are_refused_or_drawn() {
             drawn.fetch_add(1, Ordering::Relaxed);
             return Ok(());
         }
-        one_message(&finished, &[1, 2], "").map_err(|e| format!("trial {trial}: {e}"))
+        ended_by_one_message(&finished, &[1, 2], &[]).map_err(|e| format!("trial {trial}: {e}"))
     });
     println!("{} of {} drawn", drawn.into_inner(), trials.len());
 }
@@ -266,7 +248,7 @@ fn every_changed_byte_is_found() {
         bytes[at] ^= 1;
         fs::write(&path, bytes).map_err(|e| e.to_string())?;
         let finished = on_results("check-result", place.path()).run()?;
-        one_message(&finished, &[1], name).map_err(|e| format!("byte {at}: {e}"))
+        ended_by_one_message(&finished, &[1], &[name]).map_err(|e| format!("byte {at}: {e}"))
     });
     let whole = on_results("check-result", RESULTS.path());
     whole.succeed().expect("nothing is changed");
@@ -295,7 +277,7 @@ fn hostile_warped_fields_are_refused() {
         change_hdf5(&start, *harm).map_err(|e| format!("{what}: {e}"))?;
         let from = format!("initial={{warped='{}'}}", start.display());
         let finished = small().set(&[&from]).into(&place.path().join("out")).run()?;
-        one_message(&finished, &[2], wording).map_err(|e| format!("{what}: {e}"))
+        ended_by_one_message(&finished, &[2], &[wording]).map_err(|e| format!("{what}: {e}"))
     });
 }
 
@@ -353,19 +335,20 @@ fn evaluating_a_fine_grid_is_limited_by_the_budget() {
     let at = |command: &str| Job::new([command, &case("barrier2d.toml"), "--budget", "1s"]);
     let stability = at("stability").into(place.path()).set(&fine).set(&coarse).run();
     let stability = stability.expect("an end");
-    one_message(&stability, &[2], "evaluating V and bounds on 8.100e7 cells of space").unwrap();
+    ended_by_one_message(&stability, &[2], &["evaluating V and bounds on 8.100e7 cells of space"])
+        .unwrap();
     let long = |command: &str| {
         let job = of_case(command, "example1.toml").with(["--budget", "2s"]);
         job.set(&["axis.0.x.cells=4000000", "axis.0.v.cells=8"])
     };
     for job in [long("advise").with(["--accuracy", "0.1"]), long("chart").into(place.path())] {
-        one_message(&job.run().expect("an end"), &[2], "--budget 2 s: ").unwrap();
+        ended_by_one_message(&job.run().expect("an end"), &[2], &["--budget 2 s: "]).unwrap();
     }
     let square = ["axis.0.x.cells=4000", "axis.0.v.cells=4000"];
     // Nothing is begun that is expected to take longer than the budget.
     let short = |command| of_case(command, "example1.toml").with(["--budget", "1s"]).set(&square);
     let chart = short("chart").into(place.path()).run().expect("an end");
-    one_message(&chart, &[2], "--budget 1 s: a run on 1000 x 1000").unwrap();
+    ended_by_one_message(&chart, &[2], &["--budget 1 s: a run on 1000 x 1000"]).unwrap();
     let advice = short("advise").with(["--accuracy", "0.1"]).run().expect("an end");
     for finished in [chart, advice] {
         let used = finished.processor_seconds;
@@ -389,7 +372,7 @@ fn a_pipe_in_the_place_of_a_file_is_refused() {
     pipe(&summary);
     let at = place.path().display().to_string();
     let finished = Job::new(["check-result", &at]).run().expect("an end");
-    one_message(&finished, &[1], "summary.json").unwrap();
+    ended_by_one_message(&finished, &[1], &["summary.json"]).unwrap();
     // The error of a field from which a run starts is not known without its summary.
     let other = directory();
     let from = format!("initial.field='{at}/result.h5'");

@@ -204,12 +204,17 @@ fn a_thousand_regions_take_the_planned_memory() {
     let steps = regions(|k| format!("0.000{k:03}"));
     let slopes = regions(|k| format!("'0.000{k:03}*x'"));
     let size = ["axis.0.x.cells=2000", "axis.0.v.cells=16", "time.end=0.003"];
+    // Limited slopes keep what is behind each face with a jump.
+    let wide = ["axis.0.x.cells=2000", "axis.0.v.cells=400", "time.end=0.0005"];
+    let limited = [&steps, "exact={f='0'}", SLOPES[0], SLOPES[1], "scheme.limiter=minmod"];
     let [steps, slopes] = [&steps, &slopes].map(|regions| [regions.as_str(), "exact={f='0'}"]);
     let rows: &[Row<'_>] = &[
         ("example1.toml", &size, &steps, 1, 0.05),
         ("example1.toml", &size, &steps, 2, 0.05),
         ("example1.toml", &size, &slopes, 1, 0.05),
         ("example1.toml", &size, &slopes, 2, 0.05),
+        ("example1.toml", &wide, &limited, 1, 0.05),
+        ("example1.toml", &wide, &limited, 2, 0.05),
     ];
     take_as_planned(rows);
 }

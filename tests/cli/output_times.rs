@@ -3,8 +3,8 @@
 use crate::random_cases::check_scenes;
 use crate::reduce::{THREE_METHODS, scene};
 use crate::support::{
-    Job, at_most, check_all, datasets, directory, distance, near, parsed, require, run, text_of,
-    tolerance_is_met, written,
+    Job, at_most, check_all, datasets, directory, distance, near, number, parsed, require, run,
+    text_of, tolerance_is_met, written,
 };
 
 /// Fields and moments at output times equal those of runs that end at these times, by modes and by
@@ -131,7 +131,7 @@ fn the_error_is_that_of_fields_at_their_own_times() {
         let later = Job::new(["run", "--continue", &from, "--until", "1.75"]);
         let later = later.set(&["output.fields_every=0.25"]).solve(second.path())?;
         tolerance_is_met(&later)?;
-        let total = later.value["continued"]["error_total"].as_f64().unwrap_or(f64::NAN);
+        let total = number(&later.value["continued"]["error_total"]);
         later.require(total <= 1e-4, || format!("error_total {total:e}"))
     });
 }
@@ -312,7 +312,7 @@ fn the_output_at_time_0_is_the_initial_data() {
             ("potential_energy", "energy", "potential_initial"),
         ] {
             let first = stored[&format!("/history/{name}")].numbers()[0];
-            let expected = ledger[group][key].as_f64().unwrap_or(f64::NAN);
+            let expected = number(&ledger[group][key]);
             near(name, first, expected, 1e-14)?;
         }
         Ok(())

@@ -1,7 +1,7 @@
 //! `phasewarp plan` and `check`: the plan, made without solving, agrees with the run.
 
 use crate::support::{
-    Finished, INTERFACES, Job, case, cases, check, check_all, directory, dissipative, near,
+    Finished, INTERFACES, Job, case, cases, check, check_all, directory, dissipative, near, number,
     of_case, parsed, plan, require, run, shrunk, text_of,
 };
 use crate::tolerances::{TOLERANCES, ranks_at, verified, verifying};
@@ -189,7 +189,7 @@ fn calibrated_plans_equal_those_of_the_run() {
         // The same modes; a classical plan has none.
         let modes = value["warp"]["modes"].as_f64().unwrap_or(0.0);
         summary.holds(near("modes planned", modes, summary.number("modes")?, 0.0))?;
-        let seconds = |key: &str| value["calibration"][key].as_f64().unwrap_or(f64::NAN);
+        let seconds = |key: &str| number(&value["calibration"][key]);
         let (solve, wall) = (seconds("solve_seconds"), seconds("wall_seconds"));
         let sensible = solve > 0.0 && wall > solve && wall.is_finite();
         require(sensible, &finished, || format!("{solve} s of {wall} s"))?;
@@ -314,9 +314,7 @@ fn numbers_of_ranks_are_compared() {
     let finished = job(&["1..4096", "--json"]).succeed().unwrap();
     let lines = finished.json().unwrap();
     let lines = lines.as_array().expect("an array");
-    let numbers = |key: &str| -> Vec<f64> {
-        lines.iter().map(|line| line[key].as_f64().unwrap_or(f64::NAN)).collect()
-    };
+    let numbers = |key: &str| -> Vec<f64> { lines.iter().map(|line| number(&line[key])).collect() };
     let (ranks, time, efficiency) = (numbers("ranks"), numbers("time"), numbers("efficiency"));
     assert_eq!(ranks, (0..13).map(|k| f64::from(1 << k)).collect::<Vec<_>>());
     let marked = |key: &str| -> Vec<f64> {
@@ -384,11 +382,11 @@ fn compared_numbers_of_ranks_are_calibrated() {
     let finished = job.with(["--json"]).on(2).succeed().unwrap();
     let table = finished.json().unwrap();
     for line in table.as_array().expect("an array") {
-        let number = |key: &str| line[key].as_f64().unwrap_or(f64::NAN);
-        let hours = number("ranks") * number("seconds") / 3600.0;
-        assert!(number("seconds") > 0.0 && (number("core_hours") / hours - 1.0).abs() < 1e-12);
-        let of_first = number("seconds") / table[0]["seconds"].as_f64().unwrap_or(f64::NAN);
-        assert!((number("time") / of_first - 1.0).abs() < 1e-12, "{}", finished.output);
+        let of = |key: &str| number(&line[key]);
+        let hours = of("ranks") * of("seconds") / 3600.0;
+        assert!(of("seconds") > 0.0 && (of("core_hours") / hours - 1.0).abs() < 1e-12);
+        let of_first = of("seconds") / number(&table[0]["seconds"]);
+        assert!((of("time") / of_first - 1.0).abs() < 1e-12, "{}", finished.output);
     }
 }
 

@@ -1,5 +1,6 @@
 //! Random cases, and fields of any size: solved to the tolerance, or refused.
 
+use crate::dense::{INCREMENT, mixed};
 use crate::memory::planned_above_peak;
 use crate::support::{
     INTERFACES, Job, Summary, at_most, check_all, datasets, differences, directory,
@@ -147,11 +148,8 @@ pub struct Choices(pub u64);
 impl Choices {
     /// One of `list`.
     pub fn of<T: Copy>(&mut self, list: &[T]) -> T {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut h = self.0;
-        h = (h ^ (h >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        h = (h ^ (h >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        list[((h ^ (h >> 31)) % list.len() as u64) as usize]
+        self.0 = self.0.wrapping_add(INCREMENT);
+        list[(mixed(self.0) % list.len() as u64) as usize]
     }
 }
 

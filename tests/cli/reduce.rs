@@ -3,7 +3,7 @@
 use crate::random_cases::{Choices, check_scenes};
 use crate::support::{
     Finished, Job, Mistake, Summary, all_refused, check_all, datasets, differences, directory,
-    distance, field, of_case, plan, require, text_of,
+    distance, field, number, of_case, plan, require, text_of,
 };
 use std::path::Path;
 
@@ -278,8 +278,8 @@ fn errors_of_the_grid_are_those_of_the_whole_grid() {
         let job = of_case("run", "periodic2d.toml").set(&exact).set(more);
         let summary = job.set(&["solver.tolerance=1e-9"]).summary().unwrap();
         let accuracy = &summary.value["accuracy"];
-        let estimates = ["grid_estimate", "grid_density_estimate"]
-            .map(|key| accuracy[key].as_f64().unwrap_or(f64::NAN));
+        let estimates =
+            ["grid_estimate", "grid_density_estimate"].map(|key| number(&accuracy[key]));
         let measured = ["error_l1", "error_l2"].map(|key| summary.number(key).unwrap());
         [measured, estimates].concat()
     };

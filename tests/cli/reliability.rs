@@ -1,23 +1,18 @@
 //! Faults that a run survives or reports: damaged results, other runs in its directory, long paths,
 //! and too small disks and memory.
 
-use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same, send};
+use crate::checkpoint::{OFTEN, WHOLE, children, newest, run as long_run, same};
+use crate::launcher::send;
 use crate::support::{
-    Finished, Job, RESULT_FILES, case, change_hdf5, check_all, contents, copy, datasets,
-    differences, directory, directory_on_disk, json_of, names_in, of_case, on_results,
+    Finished, Job, RESULT_FILES, SMALL, case, change_hdf5, check_all, contents, copy, datasets,
+    differences, directory, directory_on_disk, equals_whole, json_of, names_in, of_case,
+    on_results, small_run as run,
 };
 use hdf5::types::VarLenUnicode;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 use std::time::{Duration, SystemTime};
-
-const SMALL: [&str; 4] =
-    ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
-
-fn run() -> Job {
-    of_case("run", "example1.toml").set(&SMALL)
-}
 
 fn reports_finished(finished: &Finished) -> bool {
     finished.output.contains("the run is finished")
@@ -228,7 +223,7 @@ fn a_run_without_a_summary_is_not_finished() {
     let again = job().with(["--resume"]).succeed().expect("a run");
     assert!(!reports_finished(&again), "{}", again.report("there was no summary"));
     assert_eq!(names_in(path), ["readout.csv", "result.h5", "summary.json"]);
-    assert!(differences(&datasets(path).expect("datasets"), &sound).is_empty());
+    equals_whole(path, &sound, &[]).unwrap();
 }
 
 /// Whether a run holds the lock of a directory. The file is there before it is locked, and empty.

@@ -1,19 +1,18 @@
 //! Existing files in an output directory: results are not replaced without `--force`.
 
 use crate::support::{
-    Job, RESULT_FILES, check_all, contents, copy, directory, of_case, on_results,
+    Job, RESULT_FILES, check_all, contents, copy, directory, of_case, on_results, small_run,
 };
 use std::fs;
 use std::sync::LazyLock;
 use tempfile::TempDir;
 
 /// The grid of a study of two seconds.
-const SMALL: [&str; 2] = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
+const STUDIED: [&str; 2] = ["axis.0.x.cells=16", "axis.0.v.cells=16"];
 
-/// A run of half a second at most.
+/// A small run with these settings.
 fn run(settings: &[&str]) -> Job {
-    let small = ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
-    of_case("run", "example1.toml").set(&small).set(settings)
+    small_run().set(settings)
 }
 
 #[test]
@@ -87,7 +86,7 @@ fn tiny(command: &str) -> Job {
 
 /// A chart or a stability study of two seconds.
 fn study(command: &str) -> Job {
-    of_case(command, "example1.toml").with(["--budget", "2s"]).set(&SMALL)
+    of_case(command, "example1.toml").with(["--budget", "2s"]).set(&STUDIED)
 }
 
 /// A command that writes into a directory.

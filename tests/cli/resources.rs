@@ -5,8 +5,8 @@ use phasewarp::base::text::csv_records;
 use serde_json::Value;
 
 use crate::support::{
-    Finished, Job, case, check_all, datasets_of, directory, field, json_of, of_case, require, run,
-    text_of,
+    Finished, Job, case, check_all, datasets_of, directory, field, json_of, number, of_case,
+    require, run, text_of,
 };
 
 /// Sparsity, queries and qubits are consistent for all kinds of cases and in every format, and the
@@ -33,7 +33,7 @@ fn resources_are_consistent_in_every_format() {
         formats.have_what_the_case_allows(name)?;
         let Formats { alone, record, .. } = &formats;
         let own = &record["own"];
-        let counted = own["qubits"]["total"].as_f64().unwrap_or(f64::NAN);
+        let counted = number(&own["qubits"]["total"]);
         require(counted <= qubits + 8.0 && counted >= 8.0, alone, || format!("{counted} qubits"))?;
         bounds_of_sparsity(own).map_err(|why| format!("{why}: {own}"))
     });
@@ -229,7 +229,7 @@ fn is_weighted_table_priced(own: &Value) -> bool {
     let cells = own["shape"].as_array().into_iter().flatten().filter_map(Value::as_f64);
     let cells: f64 = cells.product();
     let reads = 2.0 * (cells - 1.0);
-    let all = reads * own["value_queries"]["value"].as_f64().unwrap_or(f64::NAN);
+    let all = reads * number(&own["value_queries"]["value"]);
     table["entries"].as_f64() == Some(cells)
         && table["toffolis_a_value_query"]["value"].as_f64() == Some(reads)
         && table["toffolis"]["value"].as_f64() == Some(all)
@@ -238,24 +238,23 @@ fn is_weighted_table_priced(own: &Value) -> bool {
 
 /// T gates of all rotations of an evolution, by the documented formula from `t_of_rotation`.
 fn t_of_rotations(cost: &Value, record: &Value) -> f64 {
-    let of = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
-    let rotations = of(&cost["rotations"]["value"]);
+    let rotations = number(&cost["rotations"]["value"]);
     let synthesis = &record["t_of_rotation"];
     // A quarter of the tolerance, in equal shares.
-    let bits = (rotations / (0.25 * of(&record["walk_tolerance"]["value"]))).log2();
-    rotations * (of(&synthesis["factor"]) * bits + of(&synthesis["constant"])).ceil()
+    let bits = (rotations / (0.25 * number(&record["walk_tolerance"]["value"]))).log2();
+    rotations * (number(&synthesis["factor"]) * bits + number(&synthesis["constant"])).ceil()
 }
 
 /// Whether the counts for Azure without rotations have their T gates, and as many gates as the JSON
 /// has of the same evolution.
 fn synthesized(azure: &Value, cost: &Value, record: &Value) -> bool {
-    let of = |counts: &str, key: &str| azure[counts][key].as_f64().unwrap_or(f64::NAN);
+    let of = |counts: &str, key: &str| number(&azure[counts][key]);
     let t = of("logicalCounts", "tCount") + t_of_rotations(cost, record);
     let gates = of("synthesizedCounts", "cczCount") + 0.25 * of("synthesizedCounts", "tCount");
     of("synthesizedCounts", "tCount") == t
         && of("synthesizedCounts", "rotationCount") == 0.0
         && of("synthesizedCounts", "numQubits") == of("logicalCounts", "numQubits")
-        && (gates / cost["gates"]["value"].as_f64().unwrap_or(f64::NAN) - 1.0).abs() < 1e-9
+        && (gates / number(&cost["gates"]["value"]) - 1.0).abs() < 1e-9
 }
 
 /// Whether the numbers of qubits of all routines have the type `qubits`, so that they are not
@@ -742,7 +741,7 @@ fn walls_within_cells_and_a_method_without_a_number() {
 
 /// Checks that the numbers of a record follow from each other.
 fn consistent(record: &Value) -> Result<(), String> {
-    let value = |key: &str| record[key]["value"].as_f64().unwrap_or(f64::NAN);
+    let value = |key: &str| number(&record[key]["value"]);
     // If the tolerance is an estimate, the steps that follow from it are estimates.
     let trust = &record["walk_tolerance"]["label"];
     let rough = trust == "estimate";
@@ -751,7 +750,7 @@ fn consistent(record: &Value) -> Result<(), String> {
             return Err(format!("{key} of a tolerance that is an {trust}: {}", record[key]));
         }
     }
-    let time = record["time"].as_f64().unwrap_or(f64::NAN);
+    let time = number(&record["time"]);
     let tau = value("nonzeros") * value("largest_entry") * time;
     // Two calls of the location oracle and four of the value oracle a step.
     let holds = (value("tau") / tau - 1.0).abs() < 1e-12
@@ -768,7 +767,7 @@ fn consistent(record: &Value) -> Result<(), String> {
     let evolutions = |key: &str| {
         let found = &record["probabilities"];
         let chain = if found["window"].is_null() { "at_slice" } else { "in_window" };
-        found[chain][key]["value"].as_f64().unwrap_or(f64::NAN)
+        number(&found[chain][key]["value"])
     };
     // Sparse access has one row in the table, with the numbers of the record.
     let rows = record["costs"].as_array().into_iter().flatten();
@@ -779,10 +778,9 @@ fn consistent(record: &Value) -> Result<(), String> {
         return Err("contradictory numbers of sparse access".to_owned());
     }
     for cost in record["costs"].as_array().into_iter().flatten() {
-        let of = |key: &str| cost[key]["value"].as_f64().unwrap_or(f64::NAN);
+        let of = |key: &str| number(&cost[key]["value"]);
         let all = of("steps") * of("toffoli_a_step");
-        let measured =
-            |k: usize| cost["toffoli_until_measured"][k]["value"].as_f64().unwrap_or(f64::NAN);
+        let measured = |k: usize| number(&cost["toffoli_until_measured"][k]["value"]);
         let follows = (of("tau") / (of("alpha") * time) - 1.0).abs() < 1e-12
             && of("steps") > 2.0 * of("tau")
             && (of("toffoli") / all - 1.0).abs() < 1e-12
@@ -801,7 +799,7 @@ fn consistent(record: &Value) -> Result<(), String> {
     let (bits, fine) = (value("value_bits"), value("walk_tolerance"));
     let least = (tau / fine).log2();
     let walk = &record["qubits"]["walk"];
-    let system = record["qubits"]["total"].as_f64().unwrap_or(f64::NAN);
+    let system = number(&record["qubits"]["total"]);
     if bits < least || bits > least + 4.0 || walk["value"].as_f64() != Some(2.0 * bits) {
         return Err(format!("{bits} bits for log2(tau/eps) = {least}"));
     }
@@ -810,8 +808,7 @@ fn consistent(record: &Value) -> Result<(), String> {
     }
     let shares = ["in_p", "field_given_p", "weights_given_field", "all"];
     let chain = &record["probabilities"]["at_slice"];
-    let p: Vec<f64> =
-        shares.iter().map(|k| chain[*k]["value"].as_f64().unwrap_or(f64::NAN)).collect();
+    let p: Vec<f64> = shares.iter().map(|k| number(&chain[*k]["value"])).collect();
     let product = (p[0] * p[1] * p[2] / p[3] - 1.0).abs() < 1e-12;
     if product && p.iter().all(|p| (0.0..=1.0 + 1e-12).contains(p)) {
         Ok(())
@@ -823,10 +820,10 @@ fn consistent(record: &Value) -> Result<(), String> {
 /// Checks the number of all gates, in which a model converts T gates and rotations to Toffoli
 /// gates, for both sequences. `evolutions` are those until the field is measured.
 fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
-    let tau = cost["tau"]["value"].as_f64().unwrap_or(f64::NAN);
+    let tau = number(&cost["tau"]["value"]);
     let half = &cost["half_calls"];
     for sequence in [cost, half] {
-        let of = |key: &str| sequence[key]["value"].as_f64().unwrap_or(f64::NAN);
+        let of = |key: &str| number(&sequence[key]["value"]);
         let t = if cost["access"] == "sparse" { 0.0 } else { of("t") };
         let gates = of("toffoli") + (t + of("rotations") * of("t_a_rotation")) / 4.0;
         let measured = |k: usize| sequence["gates_until_measured"][k]["value"].as_f64();
@@ -841,7 +838,7 @@ fn all_gates(cost: &Value, evolutions: [f64; 2]) -> Result<(), String> {
             return Err(format!("gates that do not follow: {sequence}"));
         }
     }
-    let steps = |of: &Value| of["steps"]["value"].as_f64().unwrap_or(f64::NAN);
+    let steps = |of: &Value| number(&of["steps"]["value"]);
     let way_back = steps(half) - 2.0;
     let half_as_many = way_back % 2.0 == 1.0
         && way_back >= tau
@@ -1221,7 +1218,7 @@ fn alike(a: &Value, b: &Value) -> Result<(), String> {
     let differ = || Err(format!("{a} beside {b}"));
     match (a, b) {
         (Value::Number(_), Value::Number(_)) => {
-            let [x, y] = [a, b].map(|n| n.as_f64().unwrap_or(f64::NAN));
+            let [x, y] = [a, b].map(number);
             if (x - y).abs() <= 1e-9 * x.abs() { Ok(()) } else { differ() }
         }
         (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {

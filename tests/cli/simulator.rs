@@ -5,7 +5,7 @@
 //! `make qiskit` installs it.
 
 use crate::support::{
-    Job, case, check_all, contents, directory, json_of, of_case, python, require, skipped, text_of,
+    check_all, contents, directory, distance, json_of, of_case, python, require, skipped, text_of,
 };
 use std::path::Path;
 
@@ -122,11 +122,6 @@ const READ: &[(&str, &[&[&str]])] = &[
     ("example1.toml", &[SMALL, BEYOND]),
 ];
 
-fn export(name: &str, settings: &[&str], place: &Path) -> Job {
-    let place = place.display().to_string();
-    Job::new(["export-quantum", &case(name), "-o", &place]).set(settings)
-}
-
 /// The output of the script, or its error messages if it fails.
 fn simulate(python: &Path, arguments: &[&str]) -> Result<String, String> {
     python::run(python, SCRIPT, arguments)
@@ -141,7 +136,7 @@ fn qiskit_finds_the_same_amplitudes() {
     };
     check_all(EXPORTS, |(name, settings)| {
         let place = directory();
-        let job = export(name, &settings.concat(), place.path());
+        let job = of_case("export-quantum", name).set(&settings.concat()).into(place.path());
         job.succeed()?;
         let path = place.path().display().to_string();
         let fails = |why: String| format!("{why}\n  command: {}", job.command());
@@ -171,7 +166,8 @@ fn complete_circuits_find_the_field_and_a_moment() {
     let python = python::with_packages("qiskit", SCRIPT);
     check_all(COMPLETE, |(settings, estimate)| {
         let place = directory();
-        let job = export("example1.toml", &settings.concat(), place.path());
+        let job =
+            of_case("export-quantum", "example1.toml").set(&settings.concat()).into(place.path());
         job.with(["--complete", estimate]).succeed()?;
         // Without Qiskit, only the export is tested. The other test prints a message about it.
         let Some(python) = &python else { return Ok(()) };
@@ -219,7 +215,7 @@ fn the_exported_state_contains_the_field() {
     check_all(&[EXPORTS, READ].concat(), |(name, settings)| {
         let (exported, solved) = (directory(), directory());
         let settings = settings.concat();
-        let job = export(name, &settings, exported.path());
+        let job = of_case("export-quantum", name).set(&settings).into(exported.path());
         let done = job.succeed()?;
         let about = json_of(exported.path().join("description.json"))?;
         // A case of degree 0 that names no interface is exported with the conservative one.
@@ -235,7 +231,7 @@ fn the_exported_state_contains_the_field() {
         let summary = job.solve(solved.path())?;
         let field = vector(&exported.path().join("field.npy"))?;
         let expected = crate::support::field(solved.path())?;
-        let apart = crate::support::distance(&field, &expected);
+        let apart = distance(&field, &expected);
         let tolerance = summary.number("tolerance")?;
         summary
             .require(apart <= 2.0 * tolerance, || format!("{apart:e} from the field of a run"))?;
@@ -267,16 +263,16 @@ fn the_exported_state_contains_the_field() {
 fn exports_are_the_same_on_any_ranks() {
     let (name, settings) = ("example1.toml", [TINY, INFLOW].concat());
     let one = directory();
-    export(name, &settings, one.path()).succeed().unwrap();
+    of_case("export-quantum", name).set(&settings).into(one.path()).succeed().unwrap();
     let three = directory();
-    export(name, &settings, three.path()).on(3).succeed().unwrap();
+    of_case("export-quantum", name).set(&settings).into(three.path()).on(3).succeed().unwrap();
     let found = contents(one.path());
     assert_eq!(found.len(), 10);
     assert!(found == contents(three.path()));
     // Control: another state gives another file.
     let other = directory();
     let changed = [&settings[..], &["time.end=0.11"]].concat();
-    export(name, &changed, other.path()).succeed().unwrap();
+    of_case("export-quantum", name).set(&changed).into(other.path()).succeed().unwrap();
     assert!(found != contents(other.path()));
 }
 
@@ -308,7 +304,7 @@ fn large_cases_and_zero_states_are_refused() {
         let place = directory();
         let new = place.path().join("new");
         let ranks = if k == 0 { 2 } else { 1 };
-        export(name, settings, &new).on(ranks).is_refused(wording)?;
+        of_case("export-quantum", name).set(settings).into(&new).on(ranks).is_refused(wording)?;
         if new.exists() { Err(format!("{} was made", new.display())) } else { Ok(()) }
     });
 }

@@ -1,6 +1,6 @@
 //! `phasewarp stability`: the measured limits of stability agree with theory.
 
-use crate::support::{Job, case, check_all, directory, json_of, of_case, text_of};
+use crate::support::{Job, case, check_all, directory, json_of, number, of_case, text_of};
 use serde_json::Value;
 
 /// The panels `only` of a case, with a budget that does not limit them.
@@ -95,7 +95,7 @@ fn no_pattern_grows_where_its_largest_value_or_norm_is_kept() {
         let set: Vec<&str> = set.iter().map(String::as_str).collect();
         let all = found(&stability(name, "cfl").set(&set).set(&["exact={}"]))?;
         let borders = panel(&all, "cfl")?["borders"].as_array().cloned().unwrap_or_default();
-        for (number, method) in ["forward Euler", "SSP-RK3"].into_iter().enumerate() {
+        for (curve, method) in ["forward Euler", "SSP-RK3"].into_iter().enumerate() {
             let of = |words: &str| {
                 let name = |b: &&Value| b["name"].as_str().map(str::to_owned).unwrap_or_default();
                 let mut named = borders.iter().filter(|b| name(b).starts_with(method));
@@ -109,9 +109,9 @@ fn no_pattern_grows_where_its_largest_value_or_norm_is_kept() {
             if method == "SSP-RK3" {
                 expect((*least..=*most).contains(&kept), size)?;
             }
-            let points = panel(&all, "cfl")?["curves"][number]["points"].as_array().cloned();
+            let points = panel(&all, "cfl")?["curves"][curve]["points"].as_array().cloned();
             for p in points.iter().flatten() {
-                let [x, growth] = ["x", "measured"].map(|key| p[key].as_f64().unwrap_or(f64::NAN));
+                let [x, growth] = ["x", "measured"].map(|key| number(&p[key]));
                 expect(x > kept || growth <= 1.0 + 1e-12, || format!("{}: {p}", size()))?;
                 // The curve is of the first pattern, and that of SSP-RK3 may grow from the second.
                 let is_euler = method == "forward Euler" && kept > 0.0;
@@ -147,7 +147,7 @@ fn growth_of_example_1_by_refinement() {
         }
     }
     for p in curve("hat, no weights") {
-        let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+        let [measured, theory] = ["measured", "theory"].map(|k| number(&p[k]));
         assert!(theory <= 1.02 * measured && measured < 2.5 * theory, "{p}");
     }
     // The sentence refers to the finest grid, to which the borders refer, too.
@@ -160,7 +160,7 @@ fn growth_of_example_1_by_refinement() {
     let on_it = format!("conservative: lambda+ at {finest} cells");
     border(&all, "growth", &on_it).unwrap();
     for p in curve("hat, dissipative weights") {
-        let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+        let [measured, theory] = ["measured", "theory"].map(|k| number(&p[k]));
         assert!(measured <= theory + 1e-6 && theory < 1.5, "{p}");
     }
 }
@@ -184,11 +184,11 @@ fn the_plateau_begins_and_ends_where_theory_predicts() {
         let points = &panel(&all, "recovery")?["curves"][0]["points"];
         let points = points.as_array().ok_or("no points")?;
         // Before the plateau the field is wrong; on the plateau it is right to ten digits.
-        let error = |p: &Value| p["measured"].as_f64().unwrap_or(f64::NAN);
+        let error = |p: &Value| number(&p["measured"]);
         let least = points.iter().map(error).fold(f64::INFINITY, f64::min);
         expect(error(&points[0]) > 1e-3 && least < 1e-10, || format!("{name}: {least}"))?;
         for p in points {
-            let theory = p["theory"].as_f64().unwrap_or(f64::NAN);
+            let theory = number(&p["theory"]);
             expect(error(p) <= 3.0 * theory, || format!("{name}: {p}"))?;
         }
         Ok(())
@@ -244,7 +244,7 @@ fn grazing_spikes_are_explained_by_chains_at_a_face() {
     let points = points.as_array().unwrap();
     assert!(points.len() > 60, "{}", points.len());
     for p in points {
-        let [measured, theory] = ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+        let [measured, theory] = ["measured", "theory"].map(|k| number(&p[k]));
         assert!(theory <= measured + 0.05, "{p}");
     }
     let [measured, theory] = border(&all, "grazing", "largest lambda+").unwrap();
@@ -253,7 +253,7 @@ fn grazing_spikes_are_explained_by_chains_at_a_face() {
     let [place, _] = border(&all, "grazing", "height at which it is largest").unwrap();
     let (mut even, mut next) = (0.0f64, 0);
     for p in points {
-        let [x, height] = ["measured", "x"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+        let [x, height] = ["measured", "x"].map(|k| number(&p[k]));
         next += i32::from((height - place).abs() < 0.02);
         even = even.max(if (height - place).abs() < 1e-3 { 0.0 } else { x });
     }
@@ -315,8 +315,7 @@ fn accepted_tolerances_are_kept() {
     }
     for curve in found["curves"].as_array().unwrap() {
         for p in curve["points"].as_array().unwrap() {
-            let [measured, theory] =
-                ["measured", "theory"].map(|k| p[k].as_f64().unwrap_or(f64::NAN));
+            let [measured, theory] = ["measured", "theory"].map(|k| number(&p[k]));
             assert!(measured <= 1.5 * theory, "{}: {p}", curve["name"]);
         }
     }

@@ -1,11 +1,12 @@
 //! Runs of many kinds, with faults at random moments and continued on other ranks, end with the
 //! bits of an undisturbed run. `make test` tries a few, `make torture` many.
 
-use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest, random};
+use crate::checkpoint::{Fault, Faulty, OFTEN, Result, inject, newest};
+use crate::dense::random;
 use crate::launcher::by_hydra;
 use crate::support::{
-    Finished, Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
-    names_in, number_from_environment, on_results,
+    Finished, Job, Stored, case, check_all, datasets, directory_on_disk as directory, equals_whole,
+    holds, names_in, nothing_unfinished, number_from_environment, on_results,
 };
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -255,7 +256,6 @@ impl Moment {
     /// Whether a run into `path`, which started from the checkpoint `before`, has reached the
     /// moment.
     fn has_come(self, path: &Path, before: Option<&Path>) -> bool {
-        let holds = |ending: &str| names_in(path).iter().any(|name| name.ends_with(ending));
         match self {
             Self::AnyTime => true,
             Self::SetUp => newest(path).as_deref() == before,
@@ -265,8 +265,8 @@ impl Moment {
                 let begun = begun.map(|name| path.join("checkpoint").join(name));
                 begun.is_some_and(|begun| !begun.join("manifest.json").exists())
             }
-            Self::Results => holds(".partial"),
-            Self::Summary => holds("result.h5") && !holds("summary.json"),
+            Self::Results => holds(path, ".partial"),
+            Self::Summary => holds(path, "result.h5") && !holds(path, "summary.json"),
         }
     }
 }
@@ -350,15 +350,9 @@ fn trial(number: u64, tally: &Tally) -> Result<()> {
 /// file may be left.
 fn ends(kind: &Kind, path: &Path, ranks: usize, whole: &Whole) -> Result<()> {
     kind.job()?.on(ranks).with(["--resume"]).into(path).succeed()?;
-    let differing = differences(&datasets(path)?, &whole.datasets);
-    if !differing.is_empty() {
-        return Err(format!("differs from the whole run in {differing:?}"));
-    }
-    let mut names = names_in(path).into_iter();
-    match names.find(|name| name.ends_with(".partial") || name == "checkpoint") {
-        Some(name) => Err(format!("{name} is still there")),
-        None => on_results("check-result", path).succeed().map(drop),
-    }
+    equals_whole(path, &whole.datasets, &[])?;
+    nothing_unfinished(path)?;
+    on_results("check-result", path).succeed().map(drop)
 }
 
 #[test]

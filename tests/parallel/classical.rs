@@ -3,7 +3,7 @@
 use crate::bits::report_bits;
 use crate::dense_twins::Twin;
 use crate::pieces::{Piece, Weighted, gather, meshes};
-use crate::support::dense::{assert_close, distance, exponential, noise};
+use crate::support::dense::{assert_close, distance, exponential, noise, order_of};
 use crate::support::limited::limited_right_hand_side;
 use phasewarp::matrix::block_matrix::Operator;
 use phasewarp::parallel::communicator::World;
@@ -56,7 +56,7 @@ pub fn orders_of_the_integrators(world: &World) {
                     classical.steps(&mut piece.exchange, &mut state, integrator, time, steps);
                     distance(&piece.gather(&twin, &state), &expected)
                 });
-                let found = (errors[0] / errors[1]).log2();
+                let found = order_of(errors, 2.0);
                 let at = format!("{}, {mesh:?}, {integrator:?}", twin.name);
                 assert!((found - order).abs() < 0.1, "{at}: order {found}, errors {errors:?}");
             }

@@ -1,28 +1,87 @@
 //! Tests the integrals of the exact solution over the velocities, the reference of density errors.
 
 use crate::bits::report_bits;
-use phasewarp::parallel::communicator::World;
-use phasewarp::problem::case::{Case, Exact};
+use phasewarp::parallel::communicator::{Group, World};
+use phasewarp::problem::case::Case;
 use phasewarp::problem::grid::for_each_cell;
 use phasewarp::run::exact::averaged_density;
 use phasewarp::run::exact::sheets::exact_moments;
 use phasewarp::run::exact::solution::ExactValues;
 use phasewarp::run::exact::velocities::VelocityIntegrals;
+use phasewarp::run::exact::velocities::panels::VelocityIntegral;
 
-/// Parses the case `text`, which has an exact solution.
-fn parsed(text: &str) -> (Case, Exact) {
-    let case = Case::parse("exact", text, &[]).expect("a case");
-    let exact = case.exact.clone().expect("an exact solution");
-    (case, exact)
+/// A case, its exact solution at the final time, and the integrals of that over the velocities. The
+/// parts refer to each other, and are kept until the process ends.
+struct Scene {
+    group: Group,
+    case: &'static Case,
+    values: &'static ExactValues<'static>,
+    integrals: VelocityIntegrals<'static>,
+}
+
+impl Scene {
+    fn parsed(world: &World, text: &str) -> Self {
+        let group = world.group();
+        let case: &Case = Box::leak(Box::new(Case::parse("exact", text, &[]).expect("a case")));
+        let exact = case.exact.as_ref().expect("an exact solution");
+        let values = ExactValues::new(&group, case, exact).expect("its values");
+        let values: &ExactValues<'_> = Box::leak(Box::new(values));
+        let integrals = VelocityIntegrals::on_grid(&group, values, case, case.end);
+        Self { group, case, values, integrals }
+    }
+
+    /// The density at a position by equal steps along each velocity axis.
+    fn by_equal_steps(&self, place: &[f64; 3], steps: &[usize]) -> f64 {
+        let axes = &self.case.space.v;
+        let [x, y, z] = *place;
+        let (mut sum, mut points) = (0.0, Vec::new());
+        let count = steps.iter().product();
+        for k in 0..count {
+            let mut v = [0.0; 3];
+            let mut rest = k;
+            for ((v, axis), steps) in v.iter_mut().zip(axes).zip(steps) {
+                let part = ((rest % steps) as f64 + 0.5) / *steps as f64;
+                *v = axis.lower + (axis.upper - axis.lower) * part;
+                rest /= steps;
+            }
+            points.push([x, y, z, v[0], v[1], v[2]]);
+            if points.len() == 4096 || k + 1 == count {
+                sum += self.values.values_at(&points, self.case.end).iter().sum::<f64>();
+                points.clear();
+            }
+        }
+        let volume: f64 = axes.iter().map(|axis| axis.upper - axis.lower).product();
+        sum * volume / count as f64
+    }
+
+    /// Calls `compare` with each position of this rank's part of `places`, with the integral there,
+    /// and with the density by equal steps.
+    fn for_each_place(
+        &self,
+        places: &[[f64; 3]],
+        steps: &[usize],
+        mut compare: impl FnMut(&[f64; 3], VelocityIntegral, f64),
+    ) {
+        for place in &places[self.group.piece_of(&(0..places.len()))] {
+            compare(place, self.integrals.at(place), self.by_equal_steps(place, steps));
+        }
+    }
+
+    /// The density, averaged over each cell. Its bits must not depend on the ranks.
+    fn density(&self, world: &World, name: &str) -> Vec<f64> {
+        let exact = self.case.exact.as_ref().expect("an exact solution");
+        let density = averaged_density(&self.group, self.case, exact).expect("a density");
+        report_bits(world, name, &density);
+        density
+    }
 }
 
 /// Integrals of a solution with jumps at velocities that depend on `x`, at nodes and over cells,
 /// against formulas.
 pub fn jumps_are_integrated(world: &World) {
-    let group = world.group();
     let from = |x: f64| 0.3 * x + 0.1;
     for degree in [0, 2] {
-        let (case, exact) = parsed(&format!(
+        let text = format!(
             r#"
             scheme.degree = {degree}
             initial.f = "1"
@@ -33,13 +92,12 @@ pub fn jumps_are_integrated(world: &World) {
             x = {{ lower = -1, upper = 1, cells = 7 }}
             v = {{ lower = -1.3, upper = 1.7, cells = 5 }}
             "#
-        ));
-        let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
-        let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, 1.0);
-        let axis = &case.space.x[0];
-        let mine = group.piece_of(&(0..axis.cells));
+        );
+        let scene = Scene::parsed(world, &text);
+        let axis = &scene.case.space.x[0];
+        let mine = scene.group.piece_of(&(0..axis.cells));
         let cells: Vec<[usize; 3]> = mine.clone().map(|j| [j, 0, 0]).collect();
-        let found = integrals.on_cells(&case, &cells);
+        let found = scene.integrals.on_cells(scene.case, &cells);
         assert_eq!(found.len(), mine.len());
         for (j, integral) in mine.zip(found) {
             let found = integral.moments;
@@ -60,8 +118,8 @@ pub fn jumps_are_integrated(world: &World) {
 /// Slow particles in a well between two barriers form filaments. Their integrals agree with sums
 /// over very many equal steps, and the mass is kept.
 pub fn filaments_are_integrated(world: &World) {
-    let group = world.group();
-    let (case, exact) = parsed(
+    let scene = Scene::parsed(
+        world,
         r#"
         initial.f = "exp(-((x + 1.3)^2/0.05 + (v - 0.85)^2/0.03))"
         time.end = 2.3
@@ -82,55 +140,22 @@ pub fn filaments_are_integrated(world: &World) {
         v = { lower = -1.6, upper = 1.6, cells = 16 }
         "#,
     );
-    let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
-    let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
     let places: Vec<[f64; 3]> = (0..9).map(|k| [-1.9 + 0.41 * k as f64, 0.0, 0.0]).collect();
-    for place in &places[group.piece_of(&(0..places.len()))] {
-        let found = integrals.at(place).moments[0];
-        let sum = by_equal_steps(&case, &exactly, place, &[100_000]);
+    scene.for_each_place(&places, &[100_000], |place, found, sum| {
+        let found = found.moments[0];
         assert!((found - sum).abs() < 2e-4, "{place:?}: {found} {sum}");
-    }
-    let density = averaged_density(&group, &case, &exact).expect("a density");
+    });
+    let density = scene.density(world, "the exact density");
     let mass = density.iter().sum::<f64>() * 4.0 / density.len() as f64;
     let expected = std::f64::consts::PI * f64::sqrt(0.05 * 0.03);
     assert!((mass / expected - 1.0).abs() < 2e-3, "{mass} {expected}");
-    report_bits(world, "the exact density", &density);
-}
-
-/// The density at a position by equal steps along each velocity axis.
-fn by_equal_steps(
-    case: &Case,
-    exactly: &ExactValues<'_>,
-    place: &[f64; 3],
-    steps: &[usize],
-) -> f64 {
-    let axes = &case.space.v;
-    let [x, y, z] = *place;
-    let (mut sum, mut points) = (0.0, Vec::new());
-    let count = steps.iter().product();
-    for k in 0..count {
-        let mut v = [0.0; 3];
-        let mut rest = k;
-        for ((v, axis), steps) in v.iter_mut().zip(axes).zip(steps) {
-            let part = ((rest % steps) as f64 + 0.5) / *steps as f64;
-            *v = axis.lower + (axis.upper - axis.lower) * part;
-            rest /= steps;
-        }
-        points.push([x, y, z, v[0], v[1], v[2]]);
-        if points.len() == 4096 || k + 1 == count {
-            sum += exactly.values_at(&points, case.end).iter().sum::<f64>();
-            points.clear();
-        }
-    }
-    let volume: f64 = axes.iter().map(|axis| axis.upper - axis.lower).product();
-    sum * volume / count as f64
 }
 
 /// A square barrier in the plane splits the particles at its corners. The integrals agree with sums
 /// over very many equal steps. Sums over the velocities of the grid have a far larger error.
 pub fn corners_are_integrated(world: &World) {
-    let group = world.group();
-    let (case, exact) = parsed(
+    let scene = Scene::parsed(
+        world,
         r#"
         initial.f = "exp(-((x + 0.7)^2 + (y + 0.2)^2)/0.1 - ((vx - 0.6)^2 + (vy - 0.2)^2)/0.15)"
         time.end = 1.5
@@ -148,33 +173,28 @@ pub fn corners_are_integrated(world: &World) {
         v = { lower = -1.2, upper = 1.2, cells = 16 }
         "#,
     );
-    let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
-    let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
     let places: Vec<[f64; 3]> =
         (0..8).map(|k| [-0.9 + 0.27 * k as f64, 0.5 - 0.31 * (k % 4) as f64, 0.0]).collect();
     let (mut sizes, mut errors, mut estimates, mut fixed) = (vec![], vec![], vec![], vec![]);
-    for place in &places[group.piece_of(&(0..places.len()))] {
-        let found = integrals.at(place);
-        let sum = by_equal_steps(&case, &exactly, place, &[700, 700]);
+    scene.for_each_place(&places, &[700, 700], |place, found, sum| {
         sizes.push(sum);
         estimates.push(found.error);
         errors.push((found.moments[0] - sum).abs());
-        fixed.push((by_equal_steps(&case, &exactly, place, &[16, 16]) - sum).abs());
-    }
+        fixed.push((scene.by_equal_steps(place, &[16, 16]) - sum).abs());
+    });
     let [size, error, estimate, fixed] =
-        [sizes, errors, estimates, fixed].map(|terms| group.sum_terms(&terms));
+        [sizes, errors, estimates, fixed].map(|terms| scene.group.sum_terms(&terms));
     assert!(error < 5e-3 * size, "{error} {size}");
     assert!(estimate < 1e-2 * size && error < 4.0 * estimate, "{error} {estimate} {size}");
     assert!(fixed > 10.0 * error, "{fixed} {error}");
-    let density = averaged_density(&group, &case, &exact).expect("a density");
-    report_bits(world, "the exact density in the plane", &density);
+    scene.density(world, "the exact density in the plane");
 }
 
 /// A step along the first of three axes, which reflects slow particles: the integrals agree with
 /// sums over equal steps.
 pub fn a_step_in_space_is_integrated(world: &World) {
-    let group = world.group();
-    let (case, exact) = parsed(
+    let scene = Scene::parsed(
+        world,
         r#"
         initial.f = "exp(-((x + 0.3)^2 + y^2 + z^2 + (vx - 0.5)^2 + vy^2 + vz^2)/0.2)"
         time.end = 0.4
@@ -195,28 +215,22 @@ pub fn a_step_in_space_is_integrated(world: &World) {
         v = { lower = -0.8, upper = 0.8, cells = 8 }
         "#,
     );
-    let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
-    let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
     let places = [[-0.2, 0.1, 0.0], [-0.03, -0.2, 0.1], [0.15, 0.05, -0.1], [0.4, 0.0, 0.2]];
     const STEPS: [usize; 3] = [1600, 24, 24];
-    let largest = by_equal_steps(&case, &exactly, &places[0], &STEPS);
-    for place in &places[group.piece_of(&(0..places.len()))] {
-        let found = integrals.at(place);
-        let sum = by_equal_steps(&case, &exactly, place, &STEPS);
+    let largest = scene.by_equal_steps(&places[0], &STEPS);
+    scene.for_each_place(&places, &STEPS, |place, found, sum| {
         let error = (found.moments[0] - sum).abs();
         assert!(error < 5e-3 * largest, "{place:?}: {} {sum} {largest}", found.moments[0]);
         assert!(error < 4.0 * found.error, "{place:?}: {error} {}", found.error);
-    }
-    let density = averaged_density(&group, &case, &exact).expect("a density");
-    report_bits(world, "the exact density in space", &density);
+    });
+    scene.density(world, "the exact density in space");
 }
 
 /// Without jumps of `V`, the velocities of the grid are sufficient for smooth data, but not for
 /// discontinuous data.
 pub fn smooth_data_take_the_grid(world: &World) {
-    let group = world.group();
     for (initial, smooth) in [("exp(-r/0.1)", true), ("1 if r < 0.4 else 0", false)] {
-        let (case, exact) = parsed(&format!(
+        let text = format!(
             r#"
             initial.f = "{}"
             potential = [{{ value = "0" }}]
@@ -230,16 +244,16 @@ pub fn smooth_data_take_the_grid(world: &World) {
             v = {{ lower = -1.4, upper = 1.4, cells = 24 }}
             "#,
             initial.replace("r", "(x^2 + y^2 + vx^2 + vy^2)")
-        ));
-        let exactly = ExactValues::new(&group, &case, &exact).expect("an exact solution");
-        let integrals = VelocityIntegrals::on_grid(&group, &exactly, &case, case.end);
-        assert_eq!(integrals.grid_error().is_some(), smooth, "{initial}");
+        );
+        let scene = Scene::parsed(world, &text);
+        let grid_error = scene.integrals.grid_error();
+        assert_eq!(grid_error.is_some(), smooth, "{initial}");
         let place = [0.13, -0.2, 0.0];
-        let found = integrals.at(&place);
-        let sum = by_equal_steps(&case, &exactly, &place, &[800, 800]);
+        let found = scene.integrals.at(&place);
+        let sum = scene.by_equal_steps(&place, &[800, 800]);
         let bound = if smooth { 1e-6 } else { 5e-3 };
         assert!((found.moments[0] - sum).abs() < bound * sum, "{} {sum}", found.moments[0]);
-        assert!(integrals.grid_error().is_none_or(|error| error < 1e-4 * sum));
+        assert!(grid_error.is_none_or(|error| error < 1e-4 * sum));
     }
 }
 

@@ -2,9 +2,9 @@
 //! with one message.
 
 use crate::job::{CONTROL, Job, Outcome, left_of, print_process, processes};
+use crate::support::launcher::send;
 use phasewarp::base::error::{Error, Result};
 use phasewarp::parallel::communicator::World;
-use std::process::Command;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
@@ -125,10 +125,6 @@ fn rank_that_is_interrupted(world: &World) {
         sleep(FOR_EVER);
     }
     world.group().barrier();
-}
-
-fn send(signal: &str, process: u32) {
-    let _ = Command::new("kill").args([signal, &process.to_string()]).status();
 }
 
 /// Whether a job ends by itself in time, with an error and one `message`, and leaves no process,

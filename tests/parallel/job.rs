@@ -1,6 +1,6 @@
 //! A job of this program under mpirun, with its output and a time limit.
 
-use crate::support::launcher::{by_hydra, mpirun};
+use crate::support::launcher::{by_hydra, mpirun, send};
 use std::fs::File;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -82,8 +82,7 @@ impl Job {
 
     /// Ends `mpirun`, which ends the ranks, by SIGTERM and after five seconds by SIGKILL.
     fn end(&mut self) {
-        let id = self.mpirun.id().to_string();
-        let _ = Command::new("kill").arg(id).status();
+        send("-TERM", self.mpirun.id());
         for _ in 0..50 {
             if let Ok(Some(_)) = self.mpirun.try_wait() {
                 return;

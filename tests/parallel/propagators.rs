@@ -3,7 +3,7 @@
 use crate::bits::report_bits;
 use crate::dense_twins::Twin;
 use crate::pieces::{Weighted, gather, meshes};
-use crate::support::dense::{evolve, norm};
+use crate::support::dense::{evolve, norm, order_of};
 use crate::support::prepared::parts;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -49,6 +49,29 @@ fn references(
             flat.chunks(2).map(|z| Complex64::new(z[0], z[1])).collect()
         })
         .collect()
+}
+
+/// Calls `check` with the twin on every mesh, and with the references of `wavenumbers` at a time.
+fn for_every_mesh(
+    world: &World,
+    twin: &Twin,
+    wavenumbers: &[f64],
+    time: impl Fn(&Weighted) -> f64,
+    mut check: impl FnMut(&mut Weighted, &ProcessMesh, &[Vec<Complex64>]),
+) {
+    // The weights are the same on any mesh, and so is the reference.
+    let mut reference = None;
+    for mesh in meshes(world, &twin.case) {
+        let mut weighted = Weighted::new(world, twin, &mesh);
+        let once = || references(world, &weighted, wavenumbers, time(&weighted));
+        let reference = reference.get_or_insert_with(once);
+        check(&mut weighted, &mesh, reference);
+    }
+}
+
+/// The time of the case.
+fn whole_time(weighted: &Weighted) -> f64 {
+    weighted.prepared.case.end
 }
 
 /// `√Σ|x_i|²`.
@@ -130,17 +153,12 @@ fn propagate(
 pub fn chebyshev_propagation(world: &World) {
     for twin in Twin::all() {
         let time = twin.case.end;
-        // The weights are the same on any mesh, and so is the reference.
-        let mut reference = None;
-        for mesh in meshes(world, &twin.case) {
-            let mut weighted = Weighted::new(world, &twin, &mesh);
-            let reference =
-                reference.get_or_insert_with(|| references(world, &weighted, &WAVENUMBERS, time));
+        for_every_mesh(world, &twin, &WAVENUMBERS, whole_time, |weighted, mesh, reference| {
             for tolerance in [1e-16, 1e-6] {
                 let name = format!("{}, {mesh:?}", twin.name);
-                chebyshev_series(&mut weighted, &name, tolerance, reference, time);
+                chebyshev_series(weighted, &name, tolerance, reference, time);
             }
-        }
+        });
     }
 }
 
@@ -242,39 +260,32 @@ fn passing_times(
 /// The Krylov propagator meets the tolerance of each mode, needs at most the planned applications,
 /// keeps norms, and has the same bits on every mesh.
 pub fn krylov_propagation(world: &World) {
-    for mut twin in Twin::unshared() {
+    for twin in Twin::unshared() {
         let time = twin.case.end;
-        let mut reference = None;
-        for mesh in meshes(world, &twin.case) {
-            let mut weighted = Weighted::new(world, &twin, &mesh);
-            let reference =
-                reference.get_or_insert_with(|| references(world, &weighted, &WAVENUMBERS, time));
+        for_every_mesh(world, &twin, &WAVENUMBERS, whole_time, |weighted, _, reference| {
             for (tolerance, step) in [(1e-11, None), (1e-4, Some(0.03 * time))] {
-                let method = PropagatorMethod::Krylov;
-                twin.case.propagator = Propagation { method, step };
-                let found = krylov_steps(&mut weighted, &twin, tolerance, reference);
+                let span = PropagationSpan { time, tolerance };
+                let found = krylov_steps(weighted, twin.name, step, span, reference);
                 let numbers = found.states.iter().flatten().flat_map(|z| [z.re, z.im]);
                 let name = format!("Krylov for {} at {tolerance:e}", twin.name);
                 report_bits(world, &name, &numbers.collect::<Vec<f64>>());
             }
-        }
+        });
     }
 }
 
 fn krylov_steps(
     weighted: &mut Weighted,
-    twin: &Twin,
-    tolerance: f64,
+    name: &str,
+    step: Option<f64>,
+    span: PropagationSpan,
     reference: &[Vec<Complex64>],
 ) -> Propagated {
-    let (time, step) = (twin.case.end, twin.case.propagator.step);
+    let PropagationSpan { time, tolerance } = span;
     let mut scratch = Vec::new();
     let bounds = &weighted.prepared.bounds;
-    let propagation = &twin.case.propagator;
-    let planned = WAVENUMBERS.map(|mu| {
-        let span = PropagationSpan { time, tolerance };
-        work(propagation, bounds, mu, span, &mut scratch)
-    });
+    let propagation = Propagation { method: PropagatorMethod::Krylov, step };
+    let planned = WAVENUMBERS.map(|mu| work(&propagation, bounds, mu, span, &mut scratch));
     let batch = BatchSpec {
         modes: LANES,
         wavenumbers: WAVENUMBERS,
@@ -289,8 +300,8 @@ fn krylov_steps(
         let (error, change) = (found.error(l, &reference[l]), found.change_of_norm(l));
         let tail = report.tails[l];
         let at = format!(
-            "{}, mu = {}, {tolerance:e}: error {error:e}, bound {tail:e}, norm {change:e}",
-            twin.name, WAVENUMBERS[l]
+            "{name}, mu = {}, {tolerance:e}: error {error:e}, bound {tail:e}, norm {change:e}",
+            WAVENUMBERS[l]
         );
         assert!(tail <= tolerance * (1.0 + 1e-9) + 1e-13, "{at}");
         assert!(error <= 1e-12 + tail, "{at}");
@@ -298,9 +309,9 @@ fn krylov_steps(
     }
     let most = planned.into_iter().max().expect("some wavenumbers");
     let took = report.applications / LANES;
-    assert!(took <= most, "{}: {took} {most}", twin.name);
+    assert!(took <= most, "{name}: {took} {most}");
     // A given step needs at least this number of applications.
-    assert!(step.is_none() || took >= 34, "{}: {took}", twin.name);
+    assert!(step.is_none() || took >= 34, "{name}: {took}");
     found
 }
 
@@ -308,15 +319,10 @@ fn krylov_steps(
 /// converges with order 1 and reduces them. The reported leading term is most of the error.
 pub fn orders_of_the_implicit_methods(world: &World) {
     for twin in Twin::unshared() {
-        let mut reference = None;
-        for mesh in meshes(world, &twin.case) {
-            let mut weighted = Weighted::new(world, &twin, &mesh);
-            let time = 1.0 / weighted.prepared.bounds.rate;
-            let reference =
-                reference.get_or_insert_with(|| references(world, &weighted, &SLOW, time));
+        for_every_mesh(world, &twin, &SLOW, short_time, |weighted, mesh, reference| {
             for (order, coarse) in [(2, 8), (1, 32)] {
                 let runs = [coarse, 2 * coarse].map(|steps| {
-                    let found = implicit_steps(&mut weighted, &mesh, order, steps);
+                    let found = implicit_steps(weighted, mesh, order, steps);
                     assert_eq!(found.report.solves, SLOW.len() * steps);
                     assert!(found.report.applications >= found.report.solves);
                     assert_eq!(found.report.unitary, order == 2);
@@ -325,14 +331,19 @@ pub fn orders_of_the_implicit_methods(world: &World) {
                 let name = format!("{}, {mesh:?}, order {order}", twin.name);
                 order_of_convergence(&runs, &name, order, reference);
             }
-        }
+        });
     }
 }
 
 /// Wavenumbers that a few implicit steps resolve.
 const SLOW: [f64; 2] = [0.0, 0.5];
 
-/// `steps` steps of Crank–Nicolson (order 2) or backward Euler (order 1) over the time `1/rate`.
+/// The time `1/rate`, over which they are taken.
+fn short_time(weighted: &Weighted) -> f64 {
+    1.0 / weighted.prepared.bounds.rate
+}
+
+/// `steps` steps of Crank–Nicolson (order 2) or backward Euler (order 1) over the [`short_time`].
 fn implicit_steps(
     weighted: &mut Weighted,
     mesh: &ProcessMesh,
@@ -347,7 +358,7 @@ fn implicit_steps(
         tolerances: [1e-6; LANES],
         work: [steps; LANES],
     };
-    let time = 1.0 / weighted.prepared.bounds.rate;
+    let time = short_time(weighted);
     propagate(weighted, &mut implicit(weighted, mesh, order), &batch, time)
 }
 
@@ -366,7 +377,7 @@ fn order_of_convergence(
     let [coarse, fine] = runs;
     for l in 0..SLOW.len() {
         let error = fine.error(l, &reference[l]);
-        let found = (coarse.error(l, &reference[l]) / error).log2();
+        let found = order_of([coarse.error(l, &reference[l]), error], 2.0);
         let (change, tail) = (fine.change_of_norm(l), fine.report.tails[l]);
         let missed = fine.error_beyond_leading(l, &reference[l]) / error;
         let at = format!(

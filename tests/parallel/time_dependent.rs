@@ -5,7 +5,7 @@ use crate::bits::report_bits;
 use crate::dense_twins::cells_of_axes;
 use crate::pieces::{gather_cells, meshes};
 use crate::streamed::StreamedRun;
-use crate::support::dense::{Dense, System, case, distance, exponential};
+use crate::support::dense::{Dense, System, case, distance, exponential, order_of};
 use crate::support::prepared::{Prepared, block_of, prepare};
 use phasewarp::matrix::block_matrix::BlockMatrix;
 use phasewarp::parallel::communicator::{GhostExchange, World};
@@ -172,7 +172,7 @@ pub fn varying_inflow_directly(world: &World) {
 
 /// The second error is that of half the time step.
 fn check_order(name: &str, order: f64, errors: [f64; 2]) {
-    let found = (errors[0] / errors[1]).log2();
+    let found = order_of(errors, 2.0);
     assert!((found - order).abs() < 0.25, "{name}: order {found}, {errors:?}");
 }
 

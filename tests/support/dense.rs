@@ -1,27 +1,54 @@
-//! Dense matrices and Taylor series: slow and simple references for the fast code of the crate.
+//! Dense matrices and Taylor series: slow and simple references for the fast code of the crate. The
+//! cases and the pseudo-random numbers of the tests.
 #![allow(dead_code)] // each test program uses a part of it
 
 use faer::{Mat, Side};
 use num_complex::Complex64;
 use phasewarp::problem::case::Case;
 use phasewarp::scheme::rows::{Row, Scheme};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// The path of the file `name` in `cases/`.
+pub fn case_path(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name)
+}
+
+/// The case of the file `name` in `cases/`, with overrides as in `--set`, or why it is refused.
+pub fn parsed(name: &str, overrides: &[&str]) -> Result<Case, String> {
+    let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
+    Case::load(&case_path(name), &overrides).map_err(|e| e.to_string())
+}
 
 /// The case of the file `name` in `cases/`, with overrides as in `--set`.
 pub fn case(name: &str, overrides: &[&str]) -> Case {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
-    let overrides: Vec<String> = overrides.iter().map(|o| (*o).to_owned()).collect();
-    Case::load(&path, &overrides).unwrap_or_else(|e| panic!("{e}"))
+    parsed(name, overrides).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// The step of the counter of SplitMix64 (Steele, Lea, Flood 2014).
+pub const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// The number that SplitMix64 gives at a value of its counter.
+pub fn mixed(mut h: u64) -> u64 {
+    for (shift, factor) in [(30, 0xbf58_476d_1ce4_e5b9_u64), (27, 0x94d0_49bb_1331_11eb), (31, 1)] {
+        h = (h ^ (h >> shift)).wrapping_mul(factor);
+    }
+    h
+}
+
+/// The same, as a number in [0, 1).
+fn mixed_in_unit(h: u64) -> f64 {
+    (mixed(h) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// A pseudo-random number in [0, 1) that depends on `seed` only.
+pub fn random(seed: u64) -> f64 {
+    mixed_in_unit((seed + 1).wrapping_mul(INCREMENT))
 }
 
 /// A pseudo-random number in [-1, 1) that depends on `index` and `seed` only, so that data are the
 /// same on any number of ranks.
 pub fn noise(index: usize, seed: u64) -> f64 {
-    let mut h = (index as u64).wrapping_add(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    for (shift, factor) in [(30, 0xbf58_476d_1ce4_e5b9_u64), (27, 0x94d0_49bb_1331_11eb), (31, 1)] {
-        h = (h ^ (h >> shift)).wrapping_mul(factor);
-    }
-    (h >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    2.0 * mixed_in_unit((index as u64).wrapping_add(seed.wrapping_mul(INCREMENT))) - 1.0
 }
 
 /// `√Σ|x_i|²`.
@@ -29,11 +56,16 @@ pub fn norm(x: &[f64]) -> f64 {
     x.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// `‖x − y‖/‖y‖`.
+/// The relative l2 distance `‖x − y‖/‖y‖`.
 pub fn distance(x: &[f64], y: &[f64]) -> f64 {
-    assert_eq!(x.len(), y.len());
+    assert_eq!(x.len(), y.len(), "fields of different sizes");
     let difference: Vec<f64> = x.iter().zip(y).map(|(x, y)| x - y).collect();
     norm(&difference) / norm(y)
+}
+
+/// The order of convergence of two errors, the second of steps or cells so many times shorter.
+pub fn order_of([coarse, fine]: [f64; 2], shorter: f64) -> f64 {
+    (coarse / fine).ln() / shorter.ln()
 }
 
 /// A square matrix.

@@ -11,7 +11,8 @@ pub(super) const BYTES_PER_ROW: f64 = 2.0 * size_of::<Lanes>() as f64 + 8.0;
 /// Part of the cache that the tiles in use may fill: cache lines that map to the same set evict
 /// each other before the cache is full.
 pub(super) const SHARE: f64 = 0.55;
-/// The same for tiles that overflow the cache of a core a little, so that most of a pass is in it.
+/// Part of the cache of a core that larger tiles fill: they overflow it a little, so that most of a
+/// pass is in it.
 const LARGER_SHARE: f64 = 1.2;
 
 /// Ways to do the steps of a run, of which the first passes find the fastest. All have the same
@@ -63,14 +64,14 @@ impl FastestBlocking {
         Self::planned_for(matrix, steps, Caches::here())
     }
 
-    /// The same for a machine with these caches.
+    /// The candidates of [`planned`](Self::planned) on a machine with these caches.
     pub fn planned_for(matrix: &BlockMatrix, steps: usize, caches: Caches) -> Self {
         let parts = matrix.independent_velocities();
         Self::of_shapes(matrix, steps, &Self::shapes(matrix, caches, BYTES_PER_ROW, parts))
     }
 
-    /// The same for steps whose results are read at once and added to a third vector. A tile then
-    /// has all velocities.
+    /// The candidates for steps whose results are read at once and added to a third vector. A tile
+    /// then has all velocities.
     pub fn planned_to_read(matrix: &BlockMatrix, steps: usize) -> Self {
         let bytes = BYTES_PER_ROW + size_of::<Lanes>() as f64;
         Self::of_shapes(matrix, steps, &Self::shapes(matrix, Caches::here(), bytes, 1))

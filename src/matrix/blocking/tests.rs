@@ -16,7 +16,7 @@ fn matrix_of(potential: &str, degree: usize, elements: [usize; 2]) -> BlockMatri
     matrix_of_block(potential, degree, elements, -1.5, 1)
 }
 
-/// The same of the first of `blocks` blocks, for velocities from `lower` on.
+/// The matrix of [`matrix_of`] on the first of `blocks` blocks, for velocities from `lower` on.
 fn matrix_of_block(
     potential: &str,
     degree: usize,

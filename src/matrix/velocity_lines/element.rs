@@ -34,7 +34,7 @@ impl LineElement {
         Self { nodes, skew, left, right, largest }
     }
 
-    /// The same with lengths that the compiler knows.
+    /// This element with lengths that the compiler knows.
     #[inline(always)]
     pub(super) fn sized<const NODES: usize>(&self) -> SizedElement<'_, NODES> {
         let (columns, _) = self.skew.as_chunks::<NODES>();

@@ -123,9 +123,9 @@ impl SolverTable {
 /// Files and lines of settings of `[solver]`, for errors of a plan.
 #[derive(Clone, Debug)]
 pub struct SolverPlaces {
-    /// Those of `solver.tolerance`.
+    /// File and line of `solver.tolerance`.
     pub tolerance: String,
-    /// Those of `solver.warp.interval`.
+    /// File and line of `solver.warp.interval`.
     pub interval: String,
 }
 

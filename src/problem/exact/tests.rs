@@ -67,7 +67,7 @@ fn spread(space: &PhaseSpace, count: usize, share: f64) -> Vec<[f64; 6]> {
 /// only approximate it.
 #[test]
 fn elements_are_cut_where_the_cells_approximate_the_potential() {
-    let linear = MostCells { is_linear: true, ..MostCells::EXACT };
+    let linear = CellLimits { is_linear: true, ..CellLimits::EXACT };
     for degrees in [[0, 0], [0, 3], [1, 0], [1, 2], [2, 0], [3, 1]] {
         for (n, potential, is_cut) in [
             (1, "2*x", [false, false]),
@@ -92,7 +92,7 @@ fn elements_are_cut_where_the_cells_approximate_the_potential() {
             for axis in &mut scene.space.v {
                 *axis = axis.clone().with_nodes(Nodes::of_velocity(degrees[1]));
             }
-            let cut = [linear, MostCells::EXACT].map(|most| {
+            let cut = [linear, CellLimits::EXACT].map(|most| {
                 traced_grid(&scene, most).expect("V is finite").space.space_cells()
                     > 8usize.pow(n as u32)
             });
@@ -109,7 +109,7 @@ fn the_exact_solution_has_more_cells_in_two_dimensions() {
         let scene = case(n, (-1.0, 1.0, 8), (-2.0, 2.0, 8), &[("", "2*x^3")], "1", "0");
         let scene = Case { space: elements(&scene.space), ..scene };
         let cells = |most| traced_cells_of_axis(&scene, most);
-        let ratio = cells(MostCells::EXACT) / cells(MostCells::ESTIMATES);
+        let ratio = cells(CellLimits::EXACT) / cells(CellLimits::ESTIMATES);
         assert!((ratio - more).abs() < 1e-12, "{n}: {ratio}");
     }
 }
@@ -128,7 +128,7 @@ fn tracer(case: &Case) -> Tracer<'_> {
 
 /// A tracer whose cells are those of the case, in each of which `V` is linear or quadratic.
 fn tracer_of(case: &Case, is_linear: bool) -> Tracer<'_> {
-    let most = MostCells { is_linear, approximated: 1, ..MostCells::EXACT };
+    let most = CellLimits { is_linear, approximated: 1, ..CellLimits::EXACT };
     Tracer::with_cells(case, most).expect("V is finite")
 }
 

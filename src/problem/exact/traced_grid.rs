@@ -65,7 +65,7 @@ pub(super) fn free_layers(potential: &TracedPotential) -> Vec<u32> {
 /// The cells on which particles are traced: their shape, and limits on the number into which
 /// elements are cut.
 #[derive(Clone, Copy, Debug)]
-pub struct MostCells {
+pub struct CellLimits {
     /// `V` is taken as linear in a cell; otherwise as quadratic.
     pub is_linear: bool,
     /// Largest number of space cells where `V` has another shape, so that it is approximated.
@@ -78,7 +78,7 @@ pub struct MostCells {
 /// Largest number of space cells of a case of which all are examined beside a run, for estimates.
 pub const MOST_EXAMINED: usize = 1 << 18;
 
-impl MostCells {
+impl CellLimits {
     /// For the exact solution.
     pub const EXACT: Self = Self { is_linear: false, approximated: 1 << 21, edges: 1 << 21 };
     /// For estimates by a few hundred particles.
@@ -138,7 +138,7 @@ impl VariationInElements {
     /// Nothing is known.
     const UNKNOWN: Self = Self { shape: ElementShape::General, missed: [false; MAX_DIMENSION] };
 
-    /// That of the case's `V`.
+    /// The variation of `V` of a case.
     ///
     /// # Errors
     /// As [`shape_in_elements`].
@@ -160,7 +160,7 @@ impl VariationInElements {
 
 impl TracedGrid {
     /// The grid for `case`, by the `variation` of `V` in the elements of `sample`.
-    fn new(case: &Case, sample: &Case, variation: &VariationInElements, most: MostCells) -> Self {
+    fn new(case: &Case, sample: &Case, variation: &VariationInElements, most: CellLimits) -> Self {
         let VariationInElements { shape, missed } = *variation;
         let is_approximate = most.approximates(shape);
         let edges = region_edges(sample);
@@ -213,13 +213,13 @@ fn has_smooth_formulas(case: &Case) -> bool {
 /// Particles follow the formulas of `V` where these are smooth, if parabolas in the cells are not
 /// exact. The exceptions are one dimension, and motions along the axes that are independent of each
 /// other, on enough cells: a path through many cells takes less time there.
-pub(super) fn traced_grid(case: &Case, most: MostCells) -> Result<TracedGrid> {
+pub(super) fn traced_grid(case: &Case, most: CellLimits) -> Result<TracedGrid> {
     Ok(TracedGrid::new(case, case, &VariationInElements::of(case)?, most))
 }
 
 /// Whether `V`, of this `shape` in the case's elements, may be curved in a cell of `space`. Cells
 /// that are parts of elements may be in regions that no element belongs to.
-fn may_bend(case: &Case, space: &PhaseSpace, shape: ElementShape, most: MostCells) -> bool {
+fn may_bend(case: &Case, space: &PhaseSpace, shape: ElementShape, most: CellLimits) -> bool {
     let elements = case.space.x.iter().map(Axis::elements).product();
     let is_cut = space.space_cells() > elements;
     !most.is_linear && (shape > ElementShape::Linear || is_cut)
@@ -227,7 +227,7 @@ fn may_bend(case: &Case, space: &PhaseSpace, shape: ElementShape, most: MostCell
 
 /// About the grid of a tracer, by a sample of elements: up to 64 along an axis in one and two
 /// dimensions, up to 16 in three.
-fn sampled_grid(case: &Case, most: MostCells) -> TracedGrid {
+fn sampled_grid(case: &Case, most: CellLimits) -> TracedGrid {
     const SAMPLED: [usize; MAX_DIMENSION] = [64, 64, 16];
     let mut sample = case.clone();
     let sampled = SAMPLED[case.space.dimension() - 1];
@@ -241,7 +241,7 @@ fn sampled_grid(case: &Case, most: MostCells) -> TracedGrid {
 
 /// About the memory of a [`Tracer::with_cells`](super::Tracer::with_cells), in bytes: `V` in its
 /// space cells.
-pub fn traced_bytes(case: &Case, most: MostCells) -> u64 {
+pub fn traced_bytes(case: &Case, most: CellLimits) -> u64 {
     let TracedGrid { space, is_bent, by_formulas, .. } = sampled_grid(case, most);
     let of_curvature = if is_bent { CURVATURE_BYTES } else { 0 };
     let of_formulas = if by_formulas { FORMULA_BYTES } else { 0 };
@@ -250,7 +250,7 @@ pub fn traced_bytes(case: &Case, most: MostCells) -> u64 {
 
 /// About the number of space cells of a [`Tracer::with_cells`](super::Tracer::with_cells) along an
 /// axis, as a mean over the axes.
-pub fn traced_cells_of_axis(case: &Case, most: MostCells) -> f64 {
+pub fn traced_cells_of_axis(case: &Case, most: CellLimits) -> f64 {
     (sampled_grid(case, most).space.space_cells() as f64).powf(1.0 / case.space.dimension() as f64)
 }
 
@@ -278,7 +278,7 @@ impl LeastParts {
 
     /// For `case`. `missed` are the axes along which nodes miss what `V` is between them; `None` if
     /// `V` is not approximated in the cells.
-    fn new(case: &Case, most: MostCells, missed: Option<[bool; MAX_DIMENSION]>) -> Self {
+    fn new(case: &Case, most: CellLimits, missed: Option<[bool; MAX_DIMENSION]>) -> Self {
         let Some(missed) = missed else { return Self::WHOLE };
         let space = case.space.by_elements();
         let n = space.dimension();
@@ -312,7 +312,7 @@ impl LeastParts {
 fn cut_elements(
     case: &Case,
     edges: &[Option<Vec<f64>>],
-    most: MostCells,
+    most: CellLimits,
     least: &LeastParts,
 ) -> PhaseSpace {
     let mut space = case.space.by_elements();

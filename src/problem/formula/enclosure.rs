@@ -21,11 +21,11 @@ pub struct Enclosure {
 
 /// How a function of one number changes with it.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Course {
-    /// It does not fall.
-    Rising,
-    /// It does not rise.
-    Falling,
+pub(super) enum Monotonicity {
+    /// It does not fall, and is defined on this interval.
+    Rising([f64; 2]),
+    /// It does not rise, and is defined on this interval.
+    Falling([f64; 2]),
     /// It falls up to zero and rises from there.
     LeastAtZero,
     /// It is a wave of amplitude one with period `2π` and a crest here.
@@ -35,6 +35,9 @@ pub(super) enum Course {
     /// It is `!a`.
     Not,
 }
+
+/// All numbers, as a domain of [`Monotonicity`].
+pub(super) const EVERYWHERE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 impl Enclosure {
     /// All numbers.
@@ -78,45 +81,48 @@ impl Enclosure {
 
     /// The values of an operator that is monotone in each operand while the other one is fixed.
     fn at_corners(a: &Self, b: &Self, of: impl Fn(f64, f64) -> f64) -> Self {
-        // What is missing stays missing: it is a NaN of its own.
-        let may_be_missing = a.may_be_missing || b.may_be_missing;
         if a.is_empty() || b.is_empty() {
-            return Self { may_be_missing, ..Self::NONE };
+            return Self::NONE.missing_with(a, b);
         }
         let corners = [a.lower, a.upper].map(|x| [b.lower, b.upper].map(|y| of(x, y)));
-        Self { may_be_missing, ..Self::around(corners.into_iter().flatten()) }
+        Self::around(corners.into_iter().flatten()).missing_with(a, b)
+    }
+
+    /// This interval of the values of an operator, which may be missing if an operand may be: what
+    /// is missing is a NaN of its own, and stays one.
+    fn missing_with(self, a: &Self, b: &Self) -> Self {
+        Self { may_be_missing: a.may_be_missing || b.may_be_missing, ..self }
     }
 
     /// The values of the function `of` with a `course`.
-    pub(super) fn function(&self, course: Course, of: fn(f64) -> f64) -> Self {
+    pub(super) fn function(&self, course: Monotonicity, of: fn(f64) -> f64) -> Self {
         let found = if self.is_empty() { Self::NONE } else { self.of_course(course, of) };
         Self { may_be_missing: self.may_be_missing, ..found }
     }
 
-    fn of_course(&self, course: Course, of: fn(f64) -> f64) -> Self {
+    fn of_course(&self, course: Monotonicity, of: fn(f64) -> f64) -> Self {
         let Self { lower, upper, .. } = *self;
         let ends = [of(lower), of(upper)];
-        // Beyond its domain a function is undefined: it is bounded on one side only.
-        let [infinite, finite] = [f64::NEG_INFINITY, f64::INFINITY];
-        let or = |value: f64, bound: f64| if value.is_nan() { bound } else { value };
         match course {
-            Course::Rising => Self::new(or(ends[0], infinite), or(ends[1], finite)),
-            Course::Falling => Self::new(or(ends[1], infinite), or(ends[0], finite)),
-            Course::LeastAtZero if self.contains(0.0) => {
+            Monotonicity::Rising(domain) | Monotonicity::Falling(domain) => {
+                let [lower, upper] = [lower.max(domain[0]), upper.min(domain[1])];
+                if lower > upper { Self::NONE } else { Self::around([of(lower), of(upper)]) }
+            }
+            Monotonicity::LeastAtZero if self.contains(0.0) => {
                 Self::around(ends.into_iter().chain([of(0.0)]))
             }
-            Course::LeastAtZero => Self::around(ends),
-            Course::Wave(crest) => {
+            Monotonicity::LeastAtZero => Self::around(ends),
+            Monotonicity::Wave(crest) => {
                 let has = |place: f64| ((lower - place) / TAU).ceil() * TAU + place <= upper;
                 let crest_and_trough = [(crest, 1.0), (crest + PI, -1.0)];
                 let passed = crest_and_trough.into_iter().filter(|(place, _)| has(*place));
                 Self::around(ends.into_iter().chain(passed.map(|(_, value)| value)))
             }
-            Course::Tangent => {
+            Monotonicity::Tangent => {
                 let branch = |x: f64| ((x + FRAC_PI_2) / PI).floor();
                 if branch(lower) == branch(upper) { Self::around(ends) } else { Self::ALL }
             }
-            Course::Not => self.negation(),
+            Monotonicity::Not => self.negation(),
         }
     }
 
@@ -151,32 +157,39 @@ impl Enclosure {
     }
 
     pub(super) fn quotient(a: &Self, b: &Self) -> Self {
-        match (b.lower, b.upper) {
+        let found = match (b.lower, b.upper) {
             _ if !b.contains(0.0) => Self::at_corners(a, b, |x, y| x / y),
             (0.0, 0.0) => Self::ALL,
             (0.0, upper) => Self::product(a, &Self::new(1.0 / upper, f64::INFINITY)),
             (lower, 0.0) => Self::product(a, &Self::new(f64::NEG_INFINITY, 1.0 / lower)),
             _ => Self::ALL,
-        }
+        };
+        found.missing_with(a, b)
     }
 
     /// The values of `power(a, b)`, which is `a^b`.
     pub(super) fn power(a: &Self, b: &Self, power: impl Fn(f64, f64) -> f64) -> Self {
         let is_whole = b.lower == b.upper && b.lower.fract() == 0.0;
-        if !is_whole {
+        let found = match (is_whole, a.lower < 0.0 && b.lower != b.upper) {
+            (true, _) => Self::whole_power(a, b.lower, power),
+            (false, true) => Self::ALL,
             // Of a negative number only whole powers are defined.
-            let base = Self::new(a.lower.max(0.0), a.upper);
-            let may_be_negative = a.lower < 0.0 && b.lower != b.upper;
-            let found = Self::at_corners(&base, b, power);
-            return if may_be_negative { Self::ALL } else { found };
-        }
-        let positive = Self::point(b.lower.abs());
-        let is_even = b.lower % 2.0 == 0.0;
+            (false, false) => {
+                let base = Self::new(a.lower.max(0.0), a.upper);
+                Self::at_corners(&base, b, power)
+            }
+        };
+        found.missing_with(a, b)
+    }
+
+    /// The values of `power(a, exponent)` for a whole exponent.
+    fn whole_power(a: &Self, exponent: f64, power: impl Fn(f64, f64) -> f64) -> Self {
+        let positive = Self::point(exponent.abs());
         let mut found = Self::at_corners(a, &positive, &power);
-        if is_even && a.contains(0.0) {
-            found = found.hull(&Self::point(power(0.0, b.lower.abs())));
+        if exponent % 2.0 == 0.0 && a.contains(0.0) {
+            found = found.hull(&Self::point(power(0.0, exponent.abs())));
         }
-        if b.lower < 0.0 { Self::quotient(&Self::point(1.0), &found) } else { found }
+        if exponent < 0.0 { Self::quotient(&Self::point(1.0), &found) } else { found }
     }
 
     pub(super) fn least(a: &Self, b: &Self) -> Self {
@@ -192,7 +205,8 @@ impl Enclosure {
         // Beyond the cut the angle is monotone along each edge of the box, and has no extremum
         // within.
         let meets_cut = a.contains(0.0) && b.lower <= 0.0;
-        if meets_cut { Self::new(-PI, PI) } else { Self::at_corners(a, b, f64::atan2) }
+        let found = if meets_cut { Self::new(-PI, PI) } else { Self::at_corners(a, b, f64::atan2) };
+        found.missing_with(a, b)
     }
 
     pub(super) fn less(a: &Self, b: &Self) -> Self {
@@ -245,7 +259,7 @@ mod tests {
     use rand_chacha::rand_core::SeedableRng;
 
     /// Formulas of `x` and `v` with every operator and function, some undefined in places.
-    const FORMULAS: [&str; 42] = [
+    const FORMULAS: [&str; 47] = [
         "x + v - 0.3*x/v",
         "x*v - v*x^2 + 1",
         "(x - 0.3)^2 + (v + 0.2)^2",
@@ -284,6 +298,11 @@ mod tests {
         "x if !v else 7",
         "x if x < 0 if v > 0 else -3",
         "((x if x < 0) + 1) else 3",
+        "(0.5 if x < 0)^2 else 900",
+        "(4 if x < 0)^(v + 2) else 900",
+        "1/(x if v < 0) else 7",
+        "atan2(1 if v < 0, x) else 7",
+        "sqrt(0.7 - x^2 - v^2) if x^2 + v^2 < 0.7 else 0",
         "+x - -v",
         "-x^2",
         "1/x^2",
@@ -326,6 +345,9 @@ mod tests {
             ("1 if abs(x) < 0.1 else v", [[0.0, 1.0], [-1.0, 0.5]], [-1.0, 1.0]),
             ("x^2/v", [[-1.0, 2.0], [0.5, 1.0]], [0.0, 8.0]),
             ("1/x^2", [[-1.0, 2.0], [0.0, 0.0]], [0.25, f64::INFINITY]),
+            ("sqrt(x)", [[-1.0, 4.0], [0.0, 0.0]], [0.0, 2.0]),
+            ("acos(x)", [[-3.0, 2.0], [0.0, 0.0]], [0.0, std::f64::consts::PI]),
+            ("sqrt(x) if x > 0 else 3", [[-2.0, -1.0], [0.0, 0.0]], [3.0, 3.0]),
         ];
         for (text, ranges, expected) in rows {
             let formula = Expression::parse(text, &[&["x"], &["v"]], &Constants::new());

@@ -1,6 +1,6 @@
 //! A formula as a tree of operators and functions, and its values at one point or at many.
 
-use crate::problem::formula::enclosure::{Course, Enclosure};
+use crate::problem::formula::enclosure::{EVERYWHERE, Enclosure, Monotonicity};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::limits::COORDINATES;
 use crate::problem::table::Table;
@@ -23,16 +23,16 @@ pub(super) struct Unary {
     /// has its kink at one point only.
     slope: Option<fn(f64) -> f64>,
     /// How it changes.
-    course: Course,
+    course: Monotonicity,
 }
 
 impl Unary {
-    const fn smooth(of: fn(f64) -> f64, slope: fn(f64) -> f64, course: Course) -> Self {
+    const fn smooth(of: fn(f64) -> f64, slope: fn(f64) -> f64, course: Monotonicity) -> Self {
         Self { of, slope: Some(slope), course }
     }
 
     /// A function that jumps or has a kink.
-    pub(super) const fn not_smooth(of: fn(f64) -> f64, course: Course) -> Self {
+    pub(super) const fn not_smooth(of: fn(f64) -> f64, course: Monotonicity) -> Self {
         Self { of, slope: None, course }
     }
 }
@@ -106,32 +106,45 @@ pub(super) const IF: usize = 1;
 /// The precedence of the comparisons, which do not chain.
 pub(super) const COMPARISONS: usize = 4;
 
+/// Where a root and a logarithm are defined.
+const NOT_NEGATIVE: [f64; 2] = [0.0, f64::INFINITY];
+/// Where the inverse of a wave is defined.
+const OF_A_WAVE: [f64; 2] = [-1.0, 1.0];
+
 pub(super) const FUNCTIONS_OF_ONE: [(&str, Unary); 20] = [
-    ("abs", Unary::not_smooth(f64::abs, Course::LeastAtZero)),
-    ("sqrt", Unary::smooth(f64::sqrt, |a| 0.5 / a.sqrt(), Course::Rising)),
-    ("cbrt", Unary::not_smooth(f64::cbrt, Course::Rising)),
-    ("exp", Unary::smooth(f64::exp, f64::exp, Course::Rising)),
-    ("ln", Unary::smooth(f64::ln, |a| 1.0 / a, Course::Rising)),
-    ("log", Unary::smooth(f64::ln, |a| 1.0 / a, Course::Rising)),
-    ("log10", Unary::smooth(f64::log10, |a| 1.0 / (LN_10 * a), Course::Rising)),
-    ("sin", Unary::smooth(f64::sin, f64::cos, Course::Wave(FRAC_PI_2))),
-    ("cos", Unary::smooth(f64::cos, |a| -a.sin(), Course::Wave(0.0))),
-    ("tan", Unary::smooth(f64::tan, |a| 1.0 + a.tan() * a.tan(), Course::Tangent)),
-    ("asin", Unary::not_smooth(f64::asin, Course::Rising)),
-    ("acos", Unary::not_smooth(f64::acos, Course::Falling)),
-    ("atan", Unary::smooth(f64::atan, |a| 1.0 / (1.0 + a * a), Course::Rising)),
-    ("sinh", Unary::smooth(f64::sinh, f64::cosh, Course::Rising)),
-    ("cosh", Unary::smooth(f64::cosh, f64::sinh, Course::LeastAtZero)),
-    ("tanh", Unary::smooth(f64::tanh, |a| 1.0 - a.tanh() * a.tanh(), Course::Rising)),
-    ("floor", Unary::not_smooth(f64::floor, Course::Rising)),
-    ("ceil", Unary::not_smooth(f64::ceil, Course::Rising)),
-    ("step", Unary::not_smooth(|a| compare(a, 0.0, |a, b| a > b), Course::Rising)),
-    ("sign", Unary::not_smooth(sign, Course::Rising)),
+    ("abs", Unary::not_smooth(f64::abs, Monotonicity::LeastAtZero)),
+    ("sqrt", Unary::smooth(f64::sqrt, |a| 0.5 / a.sqrt(), Monotonicity::Rising(NOT_NEGATIVE))),
+    ("cbrt", Unary::not_smooth(f64::cbrt, Monotonicity::Rising(EVERYWHERE))),
+    ("exp", Unary::smooth(f64::exp, f64::exp, Monotonicity::Rising(EVERYWHERE))),
+    ("ln", Unary::smooth(f64::ln, |a| 1.0 / a, Monotonicity::Rising(NOT_NEGATIVE))),
+    ("log", Unary::smooth(f64::ln, |a| 1.0 / a, Monotonicity::Rising(NOT_NEGATIVE))),
+    ("log10", Unary::smooth(f64::log10, |a| 1.0 / (LN_10 * a), Monotonicity::Rising(NOT_NEGATIVE))),
+    ("sin", Unary::smooth(f64::sin, f64::cos, Monotonicity::Wave(FRAC_PI_2))),
+    ("cos", Unary::smooth(f64::cos, |a| -a.sin(), Monotonicity::Wave(0.0))),
+    ("tan", Unary::smooth(f64::tan, |a| 1.0 + a.tan() * a.tan(), Monotonicity::Tangent)),
+    ("asin", Unary::not_smooth(f64::asin, Monotonicity::Rising(OF_A_WAVE))),
+    ("acos", Unary::not_smooth(f64::acos, Monotonicity::Falling(OF_A_WAVE))),
+    ("atan", Unary::smooth(f64::atan, |a| 1.0 / (1.0 + a * a), Monotonicity::Rising(EVERYWHERE))),
+    ("sinh", Unary::smooth(f64::sinh, f64::cosh, Monotonicity::Rising(EVERYWHERE))),
+    ("cosh", Unary::smooth(f64::cosh, f64::sinh, Monotonicity::LeastAtZero)),
+    (
+        "tanh",
+        Unary::smooth(f64::tanh, |a| 1.0 - a.tanh() * a.tanh(), Monotonicity::Rising(EVERYWHERE)),
+    ),
+    ("floor", Unary::not_smooth(f64::floor, Monotonicity::Rising(EVERYWHERE))),
+    ("ceil", Unary::not_smooth(f64::ceil, Monotonicity::Rising(EVERYWHERE))),
+    (
+        "step",
+        Unary::not_smooth(|a| compare(a, 0.0, |a, b| a > b), Monotonicity::Rising(EVERYWHERE)),
+    ),
+    ("sign", Unary::not_smooth(sign, Monotonicity::Rising(EVERYWHERE))),
 ];
 /// The operator `-a`.
-pub(super) const NEGATIVE: Unary = Unary::smooth(|a| -a, |_| -1.0, Course::Falling);
+pub(super) const NEGATIVE: Unary =
+    Unary::smooth(|a| -a, |_| -1.0, Monotonicity::Falling(EVERYWHERE));
 /// The operator `!a`.
-pub(super) const NOT: Unary = Unary::not_smooth(|a| compare(a, a, |a, _| a == 0.0), Course::Not);
+pub(super) const NOT: Unary =
+    Unary::not_smooth(|a| compare(a, a, |a, _| a == 0.0), Monotonicity::Not);
 pub(super) const FUNCTIONS_OF_TWO: [(&str, Binary); 3] = [
     ("min", binary!(|a, b| choose(a, b, f64::min), Enclosure::least)),
     ("max", binary!(|a, b| choose(a, b, f64::max), Enclosure::largest)),

@@ -18,7 +18,8 @@ const MOST_LINES: usize = 1 << 16;
 const LEAST_DIFFERENCE: f64 = 0.01;
 /// Differences below this part of the largest `v²/2` of the box are ignored.
 const LEAST_PART_OF_ENERGY: f64 = 1e-3;
-/// The same limits for differences that change what particles do.
+/// Differences above this part of the range of `V`, and above
+/// [`LARGE_PART_OF_ENERGY`], change what particles do.
 const LARGE_DIFFERENCE: f64 = 0.05;
 const LARGE_PART_OF_ENERGY: f64 = 0.01;
 /// A difference persists if a third of the element has more than this part of it. Where `V` has a
@@ -260,7 +261,7 @@ impl ElementLine<'_> {
         self.worst_and_range(part).0
     }
 
-    /// The same, with the least and the largest value of `V` there.
+    /// The point of [`worst`](Self::worst), and the least and the largest value of `V` there.
     fn worst_and_range(&self, part: PartOfElement) -> (PotentialMismatch, [f64; 2]) {
         let Self { case, region: own, axis, centre, element, taken } = *self;
         let formula = &case.potential[own].value;

@@ -45,14 +45,14 @@ pub enum Bins {
 
 /// A height of jumps of `V`.
 #[derive(Clone, Copy)]
-struct Height {
+struct JumpHeight {
     /// `ΔV`.
     rise: f64,
     /// `2ΔV/Δv²`.
     levels: f64,
 }
 
-impl Height {
+impl JumpHeight {
     /// The distance of the height from a whole number of bins, in bins; 0 if it is round-off.
     fn off(self, bin_bits: usize) -> f64 {
         let levels = self.levels * (1u64 << bin_bits) as f64;
@@ -64,7 +64,7 @@ impl Height {
 /// Jumps of one height at faces of one number along an axis.
 struct JumpFaces {
     below: usize,
-    height: Height,
+    height: JumpHeight,
     /// The places along the other axes that have this jump, as numbers of the bits of their cells.
     places: Vec<usize>,
 }
@@ -173,7 +173,7 @@ impl CircuitCase {
         };
         found.ok_or_else(|| {
             let odd = faces.iter().flatten().find(|f| f.height.off(MOST_BIN_BITS) > 0.0);
-            let odd = odd.map_or(Height { rise: 0.0, levels: 0.0 }, |face| face.height);
+            let odd = odd.map_or(JumpHeight { rise: 0.0, levels: 0.0 }, |face| face.height);
             let why = match bins {
                 Bins::Within(change) => format!(
                     "no rounding to 2^-{MOST_ROUNDED_BITS} of a level or more changes A by \
@@ -273,7 +273,7 @@ fn faces(space: &PhaseSpace, potential: &Potential, a: usize) -> Vec<JumpFaces> 
         cell[..MAX_DIMENSION].copy_from_slice(i);
         let rise = potential.jump_above(&cell, a);
         if rise != 0.0 {
-            let height = Height { rise, levels: 2.0 * rise / (width * width) };
+            let height = JumpHeight { rise, levels: 2.0 * rise / (width * width) };
             let face = found.entry((i[a], rise.to_bits()));
             let face = face.or_insert(JumpFaces { below: i[a], height, places: Vec::new() });
             face.places.push(number_of_others(space, a, i));

@@ -450,7 +450,7 @@ fn probabilities_are_those_of_the_evolved_state() {
     /// What the profile may add to the norm of a reading: twice the tolerance of the field that it
     /// is planned for, 5e-5.
     const OF_SLICE: f64 = 1e-4;
-    /// The same in a window, whose readings have ten times that tolerance.
+    /// What the profile may add in a window, whose readings have ten times that tolerance.
     const OF_WINDOW: f64 = 1e-3;
     /// Error of a single reading in the window, in tolerances. The window ends where a single rate
     /// of decay has 10; `K` mixes the rates, and the register has its highest wavenumber with one

@@ -190,12 +190,12 @@ pub fn preparations(evaluations: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::quantum::readout::random::Purpose;
+    use crate::quantum::readout::random::StreamKey;
     use crate::quantum::test_support::exponent;
 
     fn stream(seed: u64) -> Stream {
-        let purpose = Purpose { cell: 11, observable: 0, estimator: 0 };
-        Stream::new(seed, purpose)
+        let key = StreamKey { cell: 11, observable: 0, estimator: 0 };
+        Stream::new(seed, key)
     }
 
     /// Mean and root mean square of the errors over `seeds` draws.

@@ -10,7 +10,7 @@ use rand_distr::{Binomial, Distribution, Gamma, Open01};
 
 /// The number that a stream is for; no two purposes share a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Purpose {
+pub struct StreamKey {
     /// Number of the space cell, over the whole grid.
     pub cell: u64,
     /// Number of the observable.
@@ -24,14 +24,14 @@ pub struct Purpose {
 pub struct Stream(ChaCha8Rng);
 
 impl Stream {
-    /// The stream of `purpose` under `seed`.
-    pub fn new(seed: u64, purpose: Purpose) -> Self {
-        let mut key = [0; 32];
-        key[..8].copy_from_slice(&seed.to_le_bytes());
-        key[8..12].copy_from_slice(&purpose.observable.to_le_bytes());
-        key[12..16].copy_from_slice(&purpose.estimator.to_le_bytes());
-        let mut generator = ChaCha8Rng::from_seed(key);
-        generator.set_stream(purpose.cell);
+    /// The stream of `key` under `seed`.
+    pub fn new(seed: u64, key: StreamKey) -> Self {
+        let mut bytes = [0; 32];
+        bytes[..8].copy_from_slice(&seed.to_le_bytes());
+        bytes[8..12].copy_from_slice(&key.observable.to_le_bytes());
+        bytes[12..16].copy_from_slice(&key.estimator.to_le_bytes());
+        let mut generator = ChaCha8Rng::from_seed(bytes);
+        generator.set_stream(key.cell);
         Self(generator)
     }
 
@@ -83,19 +83,19 @@ impl Stream {
 mod tests {
     use super::*;
 
-    const ANY: Purpose = Purpose { cell: 5, observable: 1, estimator: 2 };
+    const ANY: StreamKey = StreamKey { cell: 5, observable: 1, estimator: 2 };
 
     #[test]
     fn streams_differ_in_everything_they_are_for() {
-        let first = |seed, purpose| Stream::new(seed, purpose).bits();
+        let first = |seed, key| Stream::new(seed, key).bits();
         let all = [
             first(1, ANY),
             first(2, ANY),
             first(1 << 32, ANY),
-            first(1, Purpose { cell: 6, ..ANY }),
-            first(1, Purpose { cell: 5 | 1 << 32, ..ANY }),
-            first(1, Purpose { observable: 2, ..ANY }),
-            first(1, Purpose { estimator: 1, ..ANY }),
+            first(1, StreamKey { cell: 6, ..ANY }),
+            first(1, StreamKey { cell: 5 | 1 << 32, ..ANY }),
+            first(1, StreamKey { observable: 2, ..ANY }),
+            first(1, StreamKey { estimator: 1, ..ANY }),
         ];
         for (i, a) in all.iter().enumerate() {
             assert!(all[..i].iter().all(|b| a != b));

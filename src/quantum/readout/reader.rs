@@ -9,7 +9,7 @@ use crate::problem::limits::{MOST_EVALUATIONS, MOST_SHOTS};
 use crate::quantum::labelled_number::{LabelledNumber, Trust};
 use crate::quantum::probability::Probabilities;
 use crate::quantum::readout::measurement::{self, Estimate};
-use crate::quantum::readout::random::{Purpose, Stream};
+use crate::quantum::readout::random::{Stream, StreamKey};
 use crate::quantum::readout::row::{Measured, Observable, OverlapEstimator, ReadoutRow, reason};
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
@@ -347,12 +347,12 @@ impl ReadoutContext<'_> {
         if shots > MOST_SHOTS || evaluations.max(norm_evaluations) > MOST_EVALUATIONS {
             return None;
         }
-        let purpose = Purpose {
+        let key = StreamKey {
             cell: row.number as u64,
             observable: row.observable.number(),
             estimator: estimator as u32,
         };
-        let stream = &mut Stream::new(self.readout.seed, purpose);
+        let stream = &mut Stream::new(self.readout.seed, key);
         let (o, shots, evaluations) = (overlap.value, shots as u64, evaluations as u64);
         let drawn = match estimator {
             OverlapEstimator::AllZero => measurement::all_zero(stream, o, shots),

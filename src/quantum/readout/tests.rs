@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::quantum::probability::{PostselectionChain, Probabilities};
-use crate::quantum::readout::random::{Purpose, Stream};
+use crate::quantum::readout::random::{Stream, StreamKey};
 use crate::quantum::readout::reader::norm;
 use crate::quantum::readout::row::OverlapEstimator;
 use crate::solve::system::StateNorms;
@@ -90,7 +90,7 @@ fn rows(case: &Case, cell: [usize; 2], change: impl Fn(&mut ReadoutSource<'_>)) 
     rows_of(case, cell, &probabilities(&f, &pi), change)
 }
 
-/// The same for other probabilities.
+/// The rows of `cell` of the data, with these probabilities.
 fn rows_of(
     case: &Case,
     cell: [usize; 2],
@@ -484,7 +484,7 @@ fn cells_are_measured_independently() {
     assert_eq!(of(&both), of(&alone));
     assert_ne!(of(&alone), of(&other));
     // The numbers of a row are drawn independently.
-    let first = Stream::new(5, Purpose { cell: 4, observable: 0, estimator: 0 }).bits();
-    let second = Stream::new(5, Purpose { cell: 4, observable: 0, estimator: 3 }).bits();
+    let first = Stream::new(5, StreamKey { cell: 4, observable: 0, estimator: 0 }).bits();
+    let second = Stream::new(5, StreamKey { cell: 4, observable: 0, estimator: 3 }).bits();
     assert_ne!(first, second);
 }

@@ -3,7 +3,7 @@
 use crate::base::disk::failure;
 use crate::base::error::Result;
 use crate::results::FileResult;
-use crate::results::draw::Sheet;
+use crate::results::draw::FigureLayout;
 use crate::results::draw::panel::colours;
 use crate::results::draw::png_file::png_file;
 use crate::results::draw::shape::PIXELS;
@@ -46,12 +46,12 @@ impl Figure {
 /// Draws at twice the size, as for all figures, and averages.
 fn raster(figure: &Figure) -> FileResult<Raster> {
     const _: () = assert!(PIXELS == 2.0);
-    let sheet = Sheet::new(figure);
-    let size = sheet.size.map(|length| (length as usize).next_multiple_of(2));
+    let layout = FigureLayout::new(figure);
+    let size = layout.size.map(|length| (length as usize).next_multiple_of(2));
     let [width, height] = size;
     let mut bytes = vec![0; 3 * 4 * width * height];
     let fine = (2 * width as u32, 2 * height as u32);
-    sheet.draw(&BitMapBackend::with_buffer(&mut bytes, fine).into_drawing_area())?;
+    layout.draw(&BitMapBackend::with_buffer(&mut bytes, fine).into_drawing_area())?;
     // A row of pixels is two fine rows, and a pixel two fine pixels of each.
     let fine_row = 3 * 2 * width;
     let mut pixels = Vec::with_capacity(width * height);

@@ -26,7 +26,7 @@ impl Cut {
     /// mean velocity of measure-valued data. It avoids cells next to a jump of `V`, where `f` may
     /// be that of either side. In one dimension, and if the file lacks data, it goes through the
     /// middle.
-    pub fn usual(run: &StoredRun, times: &[StoredTime]) -> Self {
+    pub fn densest(run: &StoredRun, times: &[StoredTime]) -> Self {
         match run.dimension() {
             1 => Self::middle(run),
             _ => Self::by_data(run, times).unwrap_or_else(|_| Self::middle(run)),
@@ -63,7 +63,7 @@ impl Cut {
         Ok(cut)
     }
 
-    /// The sentence of a caption about a [usual](Self::usual) cut; empty for other cuts.
+    /// The sentence of a caption about a [densest](Self::densest) cut; empty for other cuts.
     pub fn sentence(&self, run: &StoredRun) -> &'static str {
         match (self.by_data, run.is_measure()) {
             (false, _) => "",
@@ -79,7 +79,7 @@ impl Cut {
     }
 
     /// The cut that `text` gives, such as `x=0.1,vy=0`. Along axes that it does not name it is the
-    /// [usual](Self::usual) one at the end of the run.
+    /// [densest](Self::densest) one at the end of the run.
     ///
     /// # Errors
     /// [`Error::Input`] if it names an unknown axis, or a position outside of the box.
@@ -90,7 +90,7 @@ impl Cut {
             let why = "in one dimension all of phase space is shown".to_owned();
             return Err(wrong(why));
         }
-        let mut cut = Self { by_data: false, ..Self::usual(run, &[run.end()]) };
+        let mut cut = Self { by_data: false, ..Self::densest(run, &[run.end()]) };
         let mut named = Vec::new();
         for part in text.split(',') {
             let (name, place) = (part.split_once('='))

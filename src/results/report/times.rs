@@ -44,7 +44,7 @@ impl Times {
         }
         let chosen = spread(all.len(), MOST_TIMES).into_iter();
         let chosen: Vec<StoredTime> = chosen.map(|k| all[k]).collect();
-        let cut = cut.unwrap_or_else(|| Cut::usual(run, &chosen));
+        let cut = cut.unwrap_or_else(|| Cut::densest(run, &chosen));
         let film = Film::new(run, &cut, chosen)?;
         let mut palette = Palette::of(&film.frame(0)?);
         let mut frames = Vec::with_capacity(film.count());

@@ -19,9 +19,9 @@
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::problem::exact::{HalvedCells, MostCells, Tracer, traced_cells_of_axis};
+use crate::problem::exact::{CellLimits, HalvedCells, Tracer, traced_cells_of_axis};
 use crate::problem::grid::{MAX_DIMENSION, PhaseSpace, box_cells};
-use crate::results::accuracy::{PARTS_OF_SPACE, ParticleErrors, density_of_smeared, is_large};
+use crate::results::accuracy::{ErrorsByParticles, PARTS_OF_SPACE, density_of_smeared, is_large};
 use crate::results::ledger::STANDARD_ERRORS;
 use crate::run::errors::ResultOnShare;
 use crate::run::particles::draw::REPLICATES;
@@ -137,14 +137,14 @@ impl Arrivals {
 
 impl GatheredArrivals {
     /// The relative errors of `f` (L2) and of the density (L1, over parts of space). Collective.
-    pub fn errors(&self, result: &ResultOnShare<'_>) -> ParticleErrors {
+    pub fn errors(&self, result: &ResultOnShare<'_>) -> ErrorsByParticles {
         let field = if keeps_values(result.case) {
             self.field_errors(result)
         } else {
-            ParticleErrors::default()
+            ErrorsByParticles::default()
         };
         let DensityErrors { least, most } = self.density_errors(result, &result.moments.density);
-        ParticleErrors { density: least, density_most: most, ..field }
+        ErrorsByParticles { density: least, density_most: most, ..field }
     }
 
     /// About the relative L2 error of the values of some arrivals where `V` is approximated: what
@@ -178,7 +178,7 @@ impl GatheredArrivals {
     pub fn error_of_exact(&self, case: &Case, traced: f64) -> f64 {
         let cells = |most| traced_cells_of_axis(case, most);
         let order = self.halved.map_or(0.0, |halved| halved.order);
-        traced * (cells(MostCells::ESTIMATES) / cells(MostCells::EXACT)).powf(order)
+        traced * (cells(CellLimits::ESTIMATES) / cells(CellLimits::EXACT)).powf(order)
     }
 
     /// The difference between a `mass` and that of all arrivals, beyond the scatter of the latter
@@ -194,7 +194,7 @@ impl GatheredArrivals {
     /// error of the density that remains of it. Along axes of degree 0 beside others `f_h` varies
     /// between centres by another rule than where errors are measured, so that only the first is
     /// known. Collective.
-    fn field_errors(&self, result: &ResultOnShare<'_>) -> ParticleErrors {
+    fn field_errors(&self, result: &ResultOnShare<'_>) -> ErrorsByParticles {
         let all = &self.by_replicate;
         let space = &result.case.space;
         let most = (most_values(space) / REPLICATES).max(LEAST_PARTICLES);
@@ -226,20 +226,20 @@ impl GatheredArrivals {
         let shown = ShownError::of(&errors, &sizes);
         let of_particles = ShownError::of(&where_f_is, &sizes);
         let (Some(shown), Some(of_particles)) = (shown, of_particles) else {
-            return ParticleErrors::default();
+            return ErrorsByParticles::default();
         };
         // Both are bounds.
         let field = Some(shown.least.max(of_particles.least));
         if is_mixed(space) {
-            return ParticleErrors { field, ..ParticleErrors::default() };
+            return ErrorsByParticles { field, ..ErrorsByParticles::default() };
         }
         let of_whole = of_particles.smeared(space);
-        ParticleErrors {
+        ErrorsByParticles {
             field,
             field_mean: shown.mean(),
             field_rough: Some(shown.rough),
             density_smeared: parts.smeared(&by_part).into_iter().chain(of_whole).reduce(f64::max),
-            ..ParticleErrors::default()
+            ..ErrorsByParticles::default()
         }
     }
 
@@ -440,7 +440,7 @@ mod tests {
             let exact = |point: &[f64; 6]| {
                 if is_line { by_cells.value(point, 20.0) } else { by_modes(point) }
             };
-            let tracer = Tracer::with_cells(case, MostCells::ESTIMATES).expect("V is finite");
+            let tracer = Tracer::with_cells(case, CellLimits::ESTIMATES).expect("V is finite");
             let halved = tracer.halved();
             let mut starts = case.space.random_points(200);
             for start in &mut starts {

@@ -13,7 +13,7 @@
 
 use crate::base::random::uniform;
 use crate::base::row_major::{indices, number, position};
-use crate::problem::exact::{MostCells, Tracer};
+use crate::problem::exact::{CellLimits, Tracer};
 use crate::problem::grid::box_cells;
 use crate::run::errors::ResultOnShare;
 use crate::run::particles::draw::{REPLICATES, WeightedPlace, systematic};
@@ -36,7 +36,7 @@ pub fn is_seen(exact: f64, found: f64) -> bool {
 /// tracer's cells. Collective.
 pub fn squares_elsewhere(result: &ResultOnShare<'_>) -> [f64; REPLICATES] {
     let ResultOnShare { world, case, share, volumes, field, .. } = *result;
-    let Ok(tracer) = Tracer::with_cells(case, MostCells::ESTIMATES) else {
+    let Ok(tracer) = Tracer::with_cells(case, CellLimits::ESTIMATES) else {
         return [0.0; REPLICATES];
     };
     let lengths: Vec<usize> = case.space.x.iter().map(|axis| axis.cells).collect();

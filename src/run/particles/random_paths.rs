@@ -20,8 +20,8 @@
 use crate::base::error::Result;
 use crate::parallel::communicator::Group;
 use crate::problem::case::Case;
-use crate::problem::exact::{Crossing, Foot, MOST_EXAMINED, MostCells, Tracer};
-use crate::results::accuracy::ParticleErrors;
+use crate::problem::exact::{CellLimits, Crossing, Foot, MOST_EXAMINED, Tracer};
+use crate::results::accuracy::ErrorsByParticles;
 use crate::run::errors::ResultOnShare;
 use crate::run::particles::arrivals::ShownError;
 use crate::run::particles::draw::REPLICATES;
@@ -50,20 +50,20 @@ const STREAM: u64 = 2;
 ///
 /// # Errors
 /// If `V` is not finite.
-pub fn errors(result: &ResultOnShare<'_>) -> Result<ParticleErrors> {
+pub fn errors(result: &ResultOnShare<'_>) -> Result<ErrorsByParticles> {
     let ResultOnShare { world, case, .. } = *result;
     let space = &case.space;
     if space.space_cells() > MOST_EXAMINED {
-        return Ok(ParticleErrors::default());
+        return Ok(ErrorsByParticles::default());
     }
-    let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
+    let tracer = Tracer::with_cells(case, CellLimits::ESTIMATES)?;
     let most_steps = if tracer.is_approximate { MOST_STEPS / 16.0 } else { MOST_STEPS };
     // Processors of different kinds may take different numbers of steps.
     let steps = world.max(tracer.mean_steps(case.end));
     let most = (most_steps / (PATHS as f64 * steps)) as usize;
     let many = most.min(most_values(space)).min(MOST_SAMPLES) / REPLICATES;
     if many * REPLICATES < LEAST_SAMPLES {
-        return Ok(ParticleErrors::default());
+        return Ok(ErrorsByParticles::default());
     }
     let points = space.random_points(many * REPLICATES);
     let samples = Samples { world, case, found: values_at(result, &points), points };
@@ -78,11 +78,11 @@ pub fn errors(result: &ResultOnShare<'_>) -> Result<ParticleErrors> {
         };
         shown = shown.filter(is_same);
     }
-    Ok(ParticleErrors {
+    Ok(ErrorsByParticles {
         field: shown.map(|shown| shown.least),
         field_mean: shown.and_then(|shown| shown.mean()).filter(|_| !is_mixed(space)),
         density_smeared: shown.and_then(|shown| shown.smeared(space)).filter(|_| !is_mixed(space)),
-        ..ParticleErrors::default()
+        ..ErrorsByParticles::default()
     })
 }
 

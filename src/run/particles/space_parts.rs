@@ -32,7 +32,7 @@ impl<'a> SpaceParts<'a> {
         Self { space, elements: space.x.iter().map(elements).collect() }
     }
 
-    /// As many parts as so many `particles` allow of [`PARTICLES_OF_PART`] each.
+    /// Parts of [`PARTICLES_OF_PART`] each of so many `particles`.
     pub fn for_particles(space: &'a PhaseSpace, particles: usize) -> Self {
         let (dimension, mut most) = (space.dimension() as u32, 1_usize);
         while (most + 1).pow(dimension) * PARTICLES_OF_PART <= particles {
@@ -106,7 +106,7 @@ pub struct ParticleSums {
 }
 
 impl ParticleSums {
-    /// Those of one particle with a `mass`, where `f` is `exact` and `f_h` is `found`.
+    /// The sums of one particle with a `mass`, where `f` is `exact` and `f_h` is `found`.
     pub fn of(mass: f64, exact: f64, found: f64) -> Self {
         let error = mass / exact * (found - exact) * (found - exact);
         Self { error, size: mass * exact, mass, absolute: mass.abs() }

@@ -7,10 +7,9 @@ use crate::problem::exact::{Crossing, Tracer};
 use crate::problem::grid::{Axis, MAX_DIMENSION};
 use crate::run::particles::arrivals::{Arrivals, ArrivedParticle};
 use crate::run::particles::draw::Particle;
-use crate::scheme::interface::{SourceSide, law_of, sources, velocity};
+use crate::scheme::interface::{FluxSource, SourceSide, law_of, sources, velocity};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
-use std::collections::HashMap;
 
 /// Sums over particles.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -78,7 +77,8 @@ pub struct ParticleTracker<'a> {
     case: &'a Case,
     /// The exact flow, forward in time.
     tracer: &'a Tracer<'a>,
-    gains: Option<InterfaceGains<'a>>,
+    /// Whether the interface law changes masses at jumps.
+    changes_mass: bool,
     random: ChaCha8Rng,
     /// The particles that were followed and are in the box at the end.
     pub arrivals: Arrivals,
@@ -87,10 +87,9 @@ pub struct ParticleTracker<'a> {
 impl<'a> ParticleTracker<'a> {
     /// Follows particles of `case` by its `tracer`, which goes forward in time.
     pub fn new(case: &'a Case, tracer: &'a Tracer<'a>) -> Self {
-        let changes = law_of(case.scheme.interface).may_grow() && !case.is_galerkin();
-        let gains = changes.then(|| InterfaceGains { case, known: HashMap::new() });
+        let changes_mass = law_of(case.scheme.interface).may_grow() && !case.is_galerkin();
         let random = ChaCha8Rng::seed_from_u64(0);
-        Self { case, tracer, gains, random, arrivals: Arrivals::default() }
+        Self { case, tracer, changes_mass, random, arrivals: Arrivals::default() }
     }
 
     /// Begins a replicate with this `seed`. Its reflections depend neither on other replicates nor
@@ -112,10 +111,12 @@ impl<'a> ParticleTracker<'a> {
         // What all jumps so far add to the particle's mass, and the same without the last.
         let (mut added, mut before) = (0.0, 0.0);
         let mut smeared = [0.0; MAX_DIMENSION];
-        let Self { case, gains, random, .. } = self;
+        let Self { case, changes_mass, random, .. } = self;
         let found = self.tracer.follow_with(&particle.point, particle.time, &mut |met| {
             before = added;
-            added += gains.as_mut().map_or(0.0, |gains| gains.factor(met) - 1.0);
+            if *changes_mass {
+                added += factor_at(case, met) - 1.0;
+            }
             let turns_back = is_reflected(case, met, random);
             smeared[met.axis] += smearing(&case.space.v[met.axis], met, turns_back);
             turns_back
@@ -158,46 +159,53 @@ pub fn smearing(axis: &Axis, met: &Crossing, turns_back: bool) -> f64 {
     4.0 * part * (1.0 - part)
 }
 
-/// The mass that the law `hat` creates or destroys at jumps, where a cell's column of the scheme
-/// does not sum to the outflow of the cell.
-struct InterfaceGains<'a> {
-    case: &'a Case,
-    /// A factor for each velocity cell, by axis and by the bits of the rise.
-    known: HashMap<(usize, u64), Vec<f64>>,
+/// The factor by which the interface law changes the mass of particles that meet this jump: the law
+/// `hat` creates or destroys mass where a cell's column of the scheme does not sum to the outflow
+/// of the cell.
+fn factor_at(case: &Case, met: &Crossing) -> f64 {
+    let axis = &case.space.v[met.axis];
+    let cell = axis.cell_at(met.velocity.clamp(axis.lower, axis.upper));
+    mass_factor(axis, case.scheme.interface, met.rise, cell)
 }
 
-impl InterfaceGains<'_> {
-    /// The factor by which the interface law changes the mass of particles that meet this jump.
-    fn factor(&mut self, met: &Crossing) -> f64 {
-        let axis = &self.case.space.v[met.axis];
-        let interface = self.case.scheme.interface;
-        let key = (met.axis, met.rise.to_bits());
-        let factors = self.known.entry(key).or_insert_with(|| factors(axis, interface, met.rise));
-        factors[axis.cell_at(met.velocity.clamp(axis.lower, axis.upper))]
-    }
-}
-
-/// For each velocity cell `k` in front of a face behind which `V` is lower by `rise`: the factor
+/// For velocity cell `k` in front of a face behind which `V` is lower by `rise`: the factor
 /// `Σ_j |ξ_j| w_jk / |ξ_k|` over the cells `j` that receive from it, across the face and reflected.
-fn factors(axis: &Axis, interface: Interface, rise: f64) -> Vec<f64> {
-    let mut given = vec![0.0; axis.cells];
+/// By the law `hat` these are the cells whose source is nearer to `ξ_k` than a cell's width.
+fn mass_factor(axis: &Axis, interface: Interface, rise: f64, k: usize) -> f64 {
+    let own = velocity(axis, k as i64).abs();
+    if own == 0.0 {
+        return 1.0;
+    }
+    let (slowest, fastest) = ((own - axis.width()).max(0.0), own + axis.width());
+    let behind = |speed: f64| (speed * speed + 2.0 * rise).max(0.0).sqrt();
     let mut list = Vec::new();
-    for j in (0..axis.cells as i64).filter(|&j| velocity(axis, j) != 0.0) {
-        for (side, rise) in [(SourceSide::Across, -rise), (SourceSide::Same, rise)] {
+    let mut given = 0.0;
+    for (side, rise, speeds) in [
+        (SourceSide::Across, -rise, [behind(slowest), behind(fastest)]),
+        (SourceSide::Same, rise, [slowest, fastest]),
+    ] {
+        for j in cells_of_speeds(axis, speeds).filter(|&j| velocity(axis, j) != 0.0) {
             sources(&mut list, axis, interface, j, rise);
-            for source in list.iter().filter(|source| source.side == side) {
-                if let Some(given) = given.get_mut(source.velocity as usize) {
-                    *given += velocity(axis, j).abs() * source.weight;
-                }
-            }
+            let from_own = |s: &&FluxSource| s.side == side && s.velocity == k as i64;
+            let weight: f64 = list.iter().filter(from_own).map(|source| source.weight).sum();
+            given += velocity(axis, j).abs() * weight;
         }
     }
-    let speeds = (0..axis.cells as i64).map(|k| velocity(axis, k).abs());
-    given
-        .iter()
-        .zip(speeds)
-        .map(|(given, speed)| if speed > 0.0 { given / speed } else { 1.0 })
-        .collect()
+    given / own
+}
+
+/// The cells of a velocity axis at speeds from `slowest` to `fastest`, in both directions, and one
+/// more at each end.
+fn cells_of_speeds(axis: &Axis, [slowest, fastest]: [f64; 2]) -> impl Iterator<Item = i64> + use<> {
+    let cell = |velocity: f64| axis.position(velocity).floor() as i64;
+    let [first, last] = [0, axis.cells as i64 - 1];
+    let below = (cell(-fastest) - 1).max(first)..=(cell(-slowest) + 1).min(last);
+    let above = (cell(slowest) - 1).max(first)..=(cell(fastest) + 1).min(last);
+    let both = above.filter({
+        let below = below.clone();
+        move |j| !below.contains(j)
+    });
+    below.chain(both)
 }
 
 #[cfg(test)]
@@ -211,6 +219,43 @@ mod tests {
         let tally = ParticleTally::from_numbers(&numbers);
         assert_eq!((tally.interface, tally.left, tally.energy[0]), (3.0, 4.0, 5.0));
         assert_eq!(tally.numbers(), numbers);
+    }
+
+    /// Each velocity cell's factor, by all cells that receive from it.
+    fn factors(axis: &Axis, interface: Interface, rise: f64) -> Vec<f64> {
+        let mut given = vec![0.0; axis.cells];
+        let mut list = Vec::new();
+        for j in (0..axis.cells as i64).filter(|&j| velocity(axis, j) != 0.0) {
+            for (side, rise) in [(SourceSide::Across, -rise), (SourceSide::Same, rise)] {
+                sources(&mut list, axis, interface, j, rise);
+                for source in list.iter().filter(|source| source.side == side) {
+                    if let Some(given) = given.get_mut(source.velocity as usize) {
+                        *given += velocity(axis, j).abs() * source.weight;
+                    }
+                }
+            }
+        }
+        let speeds = (0..axis.cells as i64).map(|k| velocity(axis, k).abs());
+        let each = given.iter().zip(speeds);
+        each.map(|(given, speed)| if speed > 0.0 { given / speed } else { 1.0 }).collect()
+    }
+
+    /// The cells that are looked at are all that receive.
+    #[test]
+    fn factors_are_those_of_all_cells() {
+        let boxes =
+            [(-1.5, 1.5, 64), (-1.5, 1.5, 33), (-1.0, 2.0, 31), (0.3, 0.9, 8), (-4.0, 4.0, 400)];
+        for (lower, upper, cells) in boxes {
+            let axis = Axis::new(lower, upper, cells);
+            for rise in [-7.0, -0.4, -0.2, -0.013, -1e-9, 1e-9, 1e-4, 0.05, 0.2, 0.7, 3.0] {
+                let expected = factors(&axis, Interface::Hat, rise);
+                for (k, expected) in expected.into_iter().enumerate() {
+                    let found = mass_factor(&axis, Interface::Hat, rise, k);
+                    let near = (found - expected).abs() <= 1e-12 * (1.0 + expected);
+                    assert!(near, "{axis:?} {rise} {k}: {found} {expected}");
+                }
+            }
+        }
     }
 
     /// The conservative law conserves mass away from the ends of the grid; the hat law does not.

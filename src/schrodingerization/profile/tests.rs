@@ -44,7 +44,7 @@ fn profiles() -> Vec<(Choice, &'static [f64])> {
     ]
 }
 
-/// The same, and a profile with a jump.
+/// The profiles of [`profiles`], and one with a jump.
 fn all_profiles() -> Vec<(Choice, &'static [f64])> {
     let jump: (Choice, &[f64]) = (exponential(JUMP), &[1e-1, 1e-2]);
     profiles().into_iter().chain([jump]).collect()

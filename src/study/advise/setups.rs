@@ -202,21 +202,21 @@ pub fn nearest<'e>(entries: &[&'e SetupReport]) -> Option<&'e SetupReport> {
 /// Set-ups whose grids show no order yet.
 #[derive(Clone, Copy, Debug)]
 pub struct NotCompared {
-    /// Their number.
+    /// Number of set-ups.
     pub count: usize,
     /// The least budget in seconds that may hold the next grid of one.
     pub budget: f64,
 }
 
 impl NotCompared {
-    /// Those of `entries`; `None` if there is none.
+    /// The set-ups of `entries` that show no order yet; `None` if there is none.
     pub fn of(entries: &[SetupReport]) -> Option<Self> {
         let open = entries.iter().filter(|entry| entry.order.pairs.is_empty());
         let wanted = open.filter_map(|entry| entry.wanted_budget);
         Some(Self { count: wanted.clone().count(), budget: wanted.reduce(f64::min)? })
     }
 
-    /// Their number, and the budget that may find quicker ones, as `5 set-ups were not compared: a
+    /// The number of set-ups, and the budget that may find quicker ones, as `5 set-ups were not compared: a
     /// --budget of about 40 s may find quicker ones`.
     pub fn text(self) -> String {
         let were = counted(self.count, "set-up was", "set-ups were");
@@ -280,7 +280,7 @@ pub struct GivenCase {
 /// A set-up that was not tried. In text and in JSON one line says so.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SkippedSetup {
-    /// Its name, or that of several.
+    /// The name of the set-up, or of several.
     pub name: String,
     /// The grid on which its runs by modes failed; `None` if no grid was searched for them.
     pub grid: Option<Vec<usize>>,

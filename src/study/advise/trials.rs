@@ -4,7 +4,7 @@ use crate::base::error::Result;
 use crate::parallel::communicator::World;
 use crate::plan::Plan;
 use crate::problem::case::{AllowedReductions, Case, Exact, Limiter, Method};
-use crate::problem::exact::{MostCells, Tracer, traced_cells_of_axis};
+use crate::problem::exact::{CellLimits, Tracer, traced_cells_of_axis};
 use crate::problem::grid::{Axis, AxisPart, averaged};
 use crate::run::errors::exact_points;
 use crate::run::exact::velocities::limits::expected_points_of_averages;
@@ -91,8 +91,8 @@ impl DegreeCase {
             return UPDATES_PER_FORMULA;
         };
         let finer = if is_approximate {
-            traced_cells_of_axis(case, MostCells::EXACT)
-                / traced_cells_of_axis(&self.base, MostCells::ESTIMATES)
+            traced_cells_of_axis(case, CellLimits::EXACT)
+                / traced_cells_of_axis(&self.base, CellLimits::ESTIMATES)
         } else {
             1.0
         };
@@ -106,7 +106,7 @@ impl ExactPaths {
     /// # Errors
     /// As [`Tracer::with_cells`].
     fn of(case: &Case) -> Result<Self> {
-        let tracer = Tracer::with_cells(case, MostCells::ESTIMATES)?;
+        let tracer = Tracer::with_cells(case, CellLimits::ESTIMATES)?;
         let steps = tracer.mean_steps(case.end);
         Ok(Self { steps, is_approximate: tracer.is_approximate })
     }

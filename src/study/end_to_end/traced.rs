@@ -8,7 +8,7 @@
 use crate::base::error::Result;
 use crate::base::random::uniform;
 use crate::problem::case::Case;
-use crate::problem::exact::{MostCells, Tracer};
+use crate::problem::exact::{CellLimits, Tracer};
 use crate::run::exact::solution::ExactValues;
 use crate::run::exact::velocities::panels::PanelRule;
 use crate::study::grids::on_grid;
@@ -138,7 +138,7 @@ impl DensityAtPoint<'_> {
                 |_| tracer.follow(&self.at(&self.random_part(&mut random)), self.case.end).segments;
             (0..TRIED).map(&mut each).max().unwrap_or(1)
         };
-        let linear = MostCells { is_linear: true, ..MostCells::EXACT };
+        let linear = CellLimits { is_linear: true, ..CellLimits::EXACT };
         let n = self.dimension();
         let mut cells = FIRST;
         while cells.pow(n as u32) <= MOST {
@@ -146,7 +146,7 @@ impl DensityAtPoint<'_> {
             shape[..n].fill(cells);
             let coarse = on_grid(self.case, &shape);
             let approximated = coarse.space.by_elements().space_cells();
-            let tracer = Tracer::with_cells(&coarse, MostCells { approximated, ..linear })?;
+            let tracer = Tracer::with_cells(&coarse, CellLimits { approximated, ..linear })?;
             let most = segments(&tracer);
             let values = &ExactValues::traced(tracer);
             let there = DensityAtPoint { case: &coarse, values, ..*self };

@@ -135,7 +135,7 @@ impl<'a> ExplicitSteps<'a> {
         largest.min(LARGEST_GROWTH)
     }
 
-    /// The same for pattern `number`. Collective.
+    /// The growth of pattern `number`, as [`growth`](Self::growth) finds it. Collective.
     fn growth_of(
         &mut self,
         number: usize,

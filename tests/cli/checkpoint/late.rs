@@ -1,9 +1,11 @@
 //! Stop signals that come when the modes are finished: while the error is measured, and while
 //! results are written. The run ends as if there had been none.
 
-use super::{Result, children, send};
+use super::{Result, children};
+use crate::launcher::send;
 use crate::support::{
-    Finished, Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
+    Finished, Job, Stored, case, check_all, datasets, directory_on_disk as directory, equals_whole,
+    holds, nothing_unfinished, on_results,
 };
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -27,12 +29,6 @@ static WHOLE: LazyLock<(BTreeMap<String, Stored>, [f64; 2])> = LazyLock::new(|| 
     let end = before - lap("write") - lap("observables");
     (datasets(place.path()).expect("datasets"), [end - lap("verify"), end])
 });
-
-/// The files whose names end so.
-fn holds(path: &Path, ending: &str) -> bool {
-    let mut names = std::fs::read_dir(path).into_iter().flatten().flatten();
-    names.any(|entry| entry.file_name().to_string_lossy().ends_with(ending))
-}
 
 /// Sends a signal once, when `now` says so, to a process without mpirun, to mpirun, or to a rank.
 fn signalled(
@@ -58,11 +54,9 @@ fn ended_well(finished: &Finished, path: &Path) -> Result<()> {
     if finished.code != Some(0) {
         return Err(finished.report("exit code 0 expected"));
     }
-    let differing = differences(&datasets(path)?, &WHOLE.0);
-    if !differing.is_empty() || holds(path, ".partial") || holds(path, "checkpoint") {
-        return Err(finished.report(&format!("differs in {differing:?}, or left something")));
-    }
-    Job::new(["check-result", &path.display().to_string()]).succeed().map(drop)
+    let as_whole = equals_whole(path, &WHOLE.0, &[]).and_then(|()| nothing_unfinished(path));
+    as_whole.map_err(|what| finished.report(&what))?;
+    on_results("check-result", path).succeed().map(drop)
 }
 
 #[test]

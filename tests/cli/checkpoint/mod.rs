@@ -6,15 +6,15 @@ mod late;
 mod stalled;
 mod stopped;
 
+use crate::launcher::send;
 use crate::support::{
-    Finished, Job, Stored, Summary, datasets, differences, directory_on_disk as directory, json_of,
-    of_case,
+    Finished, Job, Stored, Summary, datasets, directory_on_disk as directory, equals_whole,
+    json_of, nothing_unfinished, of_case,
 };
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
@@ -70,17 +70,13 @@ pub fn ends_well(job: Job, directory: &Path) -> Result<Summary> {
     summary.require(here + done == all, || {
         format!("{done} applications in the checkpoint and {here} after it are not {all}")
     })?;
-    summary.require(!directory.join("checkpoint").exists(), || {
-        "the checkpoints of a finished run are still there".to_owned()
-    })?;
+    summary.holds(nothing_unfinished(directory))?;
     Ok(summary)
 }
 
 /// Checks that the results have the bits of the undisturbed run.
 pub fn same(directory: &Path, summary: &Summary) -> Result<()> {
-    let differing = differences(&datasets(directory)?, &WHOLE.0);
-    summary
-        .require(differing.is_empty(), || format!("differs from the whole run in {differing:?}"))?;
+    summary.holds(equals_whole(directory, &WHOLE.0, &[]))?;
     let (found, expected) = (count(summary, "matvecs")?, WHOLE.1);
     summary
         .require(found == expected, || format!("{found} applications, {expected} in the whole run"))
@@ -104,19 +100,6 @@ pub fn newest(directory: &Path) -> Option<PathBuf> {
 
 pub fn manifest(generation: &Path) -> Result<Value> {
     Ok(json_of(generation.join("manifest.json"))?["manifest"].clone())
-}
-
-/// A pseudo-random number in [0, 1) that depends on `seed` only.
-pub fn random(seed: u64) -> f64 {
-    let z = (seed + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-}
-
-/// Sends a signal to a process.
-pub fn send(signal: &str, process: u32) {
-    let _ = Command::new("kill").args([signal, &process.to_string()]).status();
 }
 
 /// The processes that `parent` started. MPICH's launcher starts its ranks by a proxy, which is a

@@ -1,11 +1,12 @@
 //! A rank that is stopped (SIGSTOP) and never goes on ends the job; a job that is suspended as a
 //! whole goes on.
 
-use super::{Result, children, generations, send};
+use super::{Result, children, generations};
 use crate::full::ALL;
+use crate::launcher::send;
 use crate::support::{
-    Finished, Job, Stored, case, check_all, datasets, differences, directory_on_disk as directory,
-    names_in,
+    Finished, Job, Stored, case, check_all, datasets, directory_on_disk as directory, equals_whole,
+    nothing_unfinished,
 };
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -99,12 +100,7 @@ static WHOLE: LazyLock<BTreeMap<String, Stored>> = LazyLock::new(|| {
 
 /// The bits of a whole run, and nothing that a run leaves unfinished.
 fn same(path: &Path) -> Result<()> {
-    let mut differing = differences(&datasets(path)?, &WHOLE);
     // The plan has the kind of the run.
-    differing.retain(|name| name != "/plan");
-    let partial = names_in(path).into_iter().find(|name| name.ends_with(".partial"));
-    match (differing.is_empty(), partial) {
-        (true, None) => Ok(()),
-        (_, partial) => Err(format!("differs in {differing:?}; left: {partial:?}")),
-    }
+    equals_whole(path, &WHOLE, &["/plan"])?;
+    nothing_unfinished(path)
 }

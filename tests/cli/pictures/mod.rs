@@ -284,7 +284,7 @@ fn planes_go_through_the_largest_density() {
             let job = of_case("run", "barrier2d.toml").set(&settings).on(ranks);
             job.solve(place.path()).unwrap();
             let run = untrusted::open(place.path()).unwrap();
-            let cut = Cut::usual(&run, &[run.end()]);
+            let cut = Cut::densest(&run, &[run.end()]);
             let drawn = album(place.path());
             let figure = figure(&drawn, "phase_space");
             assert!(
@@ -315,7 +315,7 @@ fn planes_go_through_the_largest_density() {
     let job = of_case("run", "barrier2d.toml").set(&settings[1..]).set(&[cloud]);
     job.solve(place.path()).unwrap();
     let run = untrusted::open(place.path()).unwrap();
-    assert_eq!(Cut::usual(&run, &[run.end()]).cells[0], 2);
+    assert_eq!(Cut::densest(&run, &[run.end()]).cells[0], 2);
 }
 
 #[test]
@@ -332,7 +332,7 @@ fn planes_are_cut_at_the_given_positions() {
     for (k, place) in [(1, 0.3), (2, -0.2), (3, 0.1)] {
         assert!((centre(k, cut.cells[k]) - place).abs() <= 0.5 * run.axis(k).width() + 1e-12);
     }
-    assert_eq!(cut.cells[0], Cut::usual(&run, &[run.end()]).cells[0]);
+    assert_eq!(cut.cells[0], Cut::densest(&run, &[run.end()]).cells[0]);
     let maps = maps(figure(&album, "phase_space"));
     let exact: Vec<_> = maps.iter().filter(|m| m.0.starts_with("exact at")).collect();
     assert_eq!(exact.len(), 2);

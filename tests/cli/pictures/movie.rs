@@ -204,7 +204,7 @@ fn in_three_dimensions_the_exact_densities_are_below_the_computed_ones() {
     let settings = ["solver.method=classical", "output.field_times=[0.2]"];
     of_case("run", "step3d.toml").set(&settings).on(2).solve(place.path()).unwrap();
     let open = untrusted::open(place.path()).unwrap();
-    let cut = Cut::usual(&open, &open.snapshots().unwrap());
+    let cut = Cut::densest(&open, &open.snapshots().unwrap());
     assert_eq!(Cut::middle(&open).cells[0], 3);
     assert!(![2, 3].contains(&cut.cells[0]), "{cut:?}");
     let film = Film::new(&open, &cut, open.snapshots().unwrap()).unwrap();

@@ -1,7 +1,7 @@
 //! The case files, settings that make them small, and directories for results.
 
 use super::launch::Job;
-use phasewarp::problem::case::Case;
+use crate::dense::{case_path, parsed};
 use std::path::Path;
 use std::sync::LazyLock;
 
@@ -68,14 +68,7 @@ pub fn shrunk(name: &str) -> &'static [&'static str] {
 
 /// The path of a case file.
 pub fn case(name: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
-    path.display().to_string()
-}
-
-/// A case of `cases/` with these settings, read in this process.
-pub fn parsed(name: &str, settings: &[&str]) -> Result<Case, String> {
-    let settings: Vec<String> = settings.iter().map(|s| (*s).to_owned()).collect();
-    Case::load(Path::new(&case(name)), &settings).map_err(|e| e.to_string())
+    case_path(name).display().to_string()
 }
 
 /// Results are kept in memory if at least this many bytes are free there.
@@ -115,6 +108,15 @@ pub fn of_case(command: &str, name: &str) -> Job {
 /// `phasewarp run` of a case of `cases/`.
 pub fn run(name: &str) -> Job {
     of_case("run", name)
+}
+
+/// The settings of [`small_run`].
+pub const SMALL: [&str; 4] =
+    ["axis.0.x.cells=23", "axis.0.v.cells=17", "solver.tolerance=1e-3", "time.end=0.3"];
+
+/// A run of example 1 of half a second at most, on odd numbers of cells.
+pub fn small_run() -> Job {
+    run("example1.toml").set(&SMALL)
 }
 
 /// `phasewarp check` of a case of `cases/`.

@@ -1,5 +1,6 @@
 //! Common checks: all rows of a table, bounds, and the tolerance of a run.
 
+use super::files::number;
 use super::launch::SLOTS;
 use super::outcome::{Finished, Summary};
 use super::refusal::refused;
@@ -115,7 +116,7 @@ pub fn solved_or_refused(
     }
     require(finished.code == Some(0), finished, || "neither solved nor refused".into())?;
     let value = Summary::read(finished.clone(), directory)?.value;
-    let error = value["error_semidiscrete"].as_f64().unwrap_or(f64::NAN);
+    let error = number(&value["error_semidiscrete"]);
     require(error <= tolerance, finished, || {
         format!(
             "called a success: error_semidiscrete {}, tolerance {tolerance:e}, maximum of f {}",

@@ -18,6 +18,26 @@ pub fn names_in(directory: &Path) -> Vec<String> {
     names
 }
 
+/// Whether a directory holds a name that ends so.
+pub fn holds(directory: &Path, ending: &str) -> bool {
+    names_in(directory).iter().any(|name| name.ends_with(ending))
+}
+
+/// A file in a directory that is only partly written.
+pub fn half_written(directory: &Path) -> Option<String> {
+    names_in(directory).into_iter().find(|name| name.ends_with(".partial"))
+}
+
+/// Checks that a run has left nothing that is unfinished: no file that is partly written, and no
+/// checkpoint.
+pub fn nothing_unfinished(directory: &Path) -> Result<(), String> {
+    let checkpoint = || holds(directory, "checkpoint").then(|| "checkpoint".to_owned());
+    match half_written(directory).or_else(checkpoint) {
+        Some(name) => Err(format!("{name} is still there")),
+        None => Ok(()),
+    }
+}
+
 /// The contents of all files in a directory and below it, by their names.
 pub fn contents(directory: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
@@ -65,6 +85,16 @@ pub fn text_of(path: impl AsRef<Path>) -> Result<String, String> {
 pub fn json_of(path: impl AsRef<Path>) -> Result<Value, String> {
     let path = path.as_ref();
     serde_json::from_str(&text_of(path)?).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+/// The number in a value of JSON; NaN if it is none.
+pub fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
+}
+
+/// The numbers in an array of JSON.
+pub fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().into_iter().flatten().map(number).collect()
 }
 
 /// The plan in a file of results.

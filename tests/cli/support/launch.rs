@@ -2,7 +2,7 @@
 //! memory, and no more ranks at work at a time, over all tests, than the machine bears.
 
 use super::outcome::{Finished, Summary, untag, unwrapped};
-use crate::launcher::{by_hydra, mpirun};
+use crate::launcher::{by_hydra, mpirun, send};
 use phasewarp::base::text::quoted;
 use std::io::{Read, Seek};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -438,8 +438,7 @@ fn ended(child: &Child) -> std::io::Result<Option<Exit>> {
 
 /// Asks mpirun to end its job, then makes it.
 fn end(child: &mut Child) {
-    let id = child.id().to_string();
-    let _ = Command::new("kill").args(["-TERM", &id]).status();
+    send("-TERM", child.id());
     let asked = Instant::now();
     while asked.elapsed() < Duration::from_secs(5) {
         if let Ok(Some(_)) = child.try_wait() {

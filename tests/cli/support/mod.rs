@@ -18,3 +18,5 @@ pub use launch::{Job, RankMesh};
 pub use outcome::{Finished, Summary};
 pub use refusal::*;
 pub use results::*;
+
+pub use crate::dense::{distance, parsed};

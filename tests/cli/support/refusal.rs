@@ -28,10 +28,26 @@ impl Job {
 }
 
 /// Checks that a job was refused for a mistake of the user: with exit code 2, within
-/// [`SECONDS_TO_REFUSE`], and with one message from rank 0 that contains all of `wording`.
+/// [`SECONDS_TO_REFUSE`], and with one message from rank 0, after nothing but warnings. It contains
+/// all of `wording`.
 pub fn refused(finished: &Finished, wording: &[&str]) -> Result<(), String> {
-    require(finished.code == Some(2), finished, || "exit code 2 expected".into())?;
+    ended_by_one_message(finished, &[2], wording)?;
     require(finished.others.is_empty(), finished, || "only rank 0 prints".into())?;
+    let before = finished.errors.split("error: ").next().unwrap_or_default();
+    require(before.lines().all(|line| line.starts_with("warning: ")), finished, || {
+        format!("printed before the error message: {before}")
+    })
+}
+
+/// Checks that a job ended soon and by itself: with one of these exit codes, and with one error
+/// message that contains all of `wording`.
+pub fn ended_by_one_message(
+    finished: &Finished,
+    codes: &[i32],
+    wording: &[&str],
+) -> Result<(), String> {
+    let expected = finished.code.is_some_and(|code| codes.contains(&code));
+    require(expected, finished, || format!("one of the exit codes {codes:?} expected"))?;
     one_message(&finished.errors, wording).map_err(|what| finished.report(&what))?;
     soon(finished)
 }
@@ -45,18 +61,13 @@ pub fn soon(finished: &Finished) -> Result<(), String> {
     require(is_soon, finished, || format!("took {seconds:.1} s, {used:.1} s of a processor"))
 }
 
-/// Checks that there is one error message, that only warnings precede it, and that it contains all
-/// of `wording`.
+/// Checks that there is one error message, of no crash, and that it contains all of `wording`.
 fn one_message(message: &str, wording: &[&str]) -> Result<(), String> {
     let errors = message.matches("error: ").count();
     if errors != 1 {
         return Err(format!("one message expected, \"error: \" occurs {errors} times"));
     }
-    let before = message.split("error: ").next().unwrap_or_default();
-    if !before.lines().all(|l| l.starts_with("warning: ")) {
-        return Err(format!("printed before the error message: {before}"));
-    }
-    for crash in ["panicked", "backtrace", "RUST_BACKTRACE", "signal"] {
+    for crash in ["panicked", "backtrace", "RUST_BACKTRACE", "signal", "Signal"] {
         if message.contains(crash) {
             return Err(format!("the message contains \"{crash}\""));
         }

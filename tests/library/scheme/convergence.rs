@@ -3,7 +3,7 @@
 use super::Lattice;
 use super::paper::assert_same_system;
 use super::{ROUND_OFF, scenes};
-use crate::dense::{System, case};
+use crate::dense::{System, case, order_of};
 use phasewarp::matrix::bounds::Bounds;
 use phasewarp::problem::case::Case;
 use phasewarp::problem::exact::Tracer;
@@ -36,23 +36,20 @@ fn first_order_convergence_without_a_jump() {
                  [initial]\nf = \"0\"\n[time]\nend = {TIME}\n"
             );
             let case = Case::parse("turning cloud", &text, &[]).expect("a good case");
-            let matrix = rows(&case);
-            let points: Vec<[f64; 2]> = (0..case.space.cells())
-                .map(|i| case.space.point(&case.space.cell(i)))
-                .map(|p| [p[0], p[3]])
-                .collect();
-            let f = points.iter().map(|[x, v]| cloud(*x, *v)).collect();
-            let f = evolved(&case, &matrix, f, TIME);
             // The exact solution of x' = v, v' = −x.
-            let (s, c) = TIME.sin_cos();
-            let error: f64 = (points.iter().zip(&f))
-                .map(|([x, v], f)| (f - cloud(c * x - s * v, s * x + c * v)).abs())
-                .sum();
-            error * case.space.cell_volume()
+            error_in_l1(&case, TIME, |[x, _, _, v, _, _], time| {
+                let (s, c) = time.sin_cos();
+                cloud(c * x - s * v, s * x + c * v)
+            })
         })
         .collect();
+    assert_first_order(&errors);
+}
+
+/// Fails unless errors on grids, each twice as fine as the one before, are of first order.
+fn assert_first_order(errors: &[f64]) {
     for pair in errors.windows(2) {
-        let order = (pair[0] / pair[1]).log2();
+        let order = order_of([pair[0], pair[1]], 2.0);
         assert!((0.8..1.2).contains(&order), "order {order}: {errors:?}");
     }
 }
@@ -221,20 +218,10 @@ fn first_order_convergence_around_a_periodic_axis() {
             );
             let case = Case::parse("bump", &text, &[]).expect("a good case");
             let tracer = Tracer::new(&case).expect("V is finite");
-            let matrix = rows(&case);
-            let points: Vec<[f64; 6]> =
-                (0..case.space.cells()).map(|i| case.space.point(&case.space.cell(i))).collect();
-            let f = points.iter().map(|p| tracer.value(p, 0.0)).collect();
-            let f = evolved(&case, &matrix, f, TIME);
-            let error: f64 =
-                (points.iter().zip(&f)).map(|(p, f)| (f - tracer.value(p, TIME)).abs()).sum();
-            error * case.space.cell_volume()
+            error_in_l1(&case, TIME, |p, time| tracer.value(p, time))
         })
         .collect();
-    for pair in errors.windows(2) {
-        let order = (pair[0] / pair[1]).log2();
-        assert!((0.8..1.2).contains(&order), "order {order}: {errors:?}");
-    }
+    assert_first_order(&errors);
 }
 
 /// Two smooth beams through a step, one up and one down, converge to the exact solution with order
@@ -245,7 +232,7 @@ fn beams_through_a_step_converge_with_order_k_plus_1() {
         for flux in [0.5, 1.0] {
             let errors =
                 [coarse, 2 * coarse].map(|elements| error_of_beams(degree, flux, elements));
-            let order = (errors[0] / errors[1]).log2();
+            let order = order_of(errors, 2.0);
             println!("degree {degree}, flux {flux}: order {order:.2}, errors {errors:?}");
             let least = degree as f64 + 0.7;
             assert!(order > least, "degree {degree}, flux {flux}: order {order}, {errors:?}");
@@ -270,20 +257,33 @@ fn error_of_beams(degree: usize, flux: f64, elements: usize) -> f64 {
     error_of(&case, TIME, |p, time| tracer.value(p, time))
 }
 
+/// The solution after `time` that starts from `exact` at time zero, and the exact one, by nodes.
+fn compared(case: &Case, time: f64, exact: impl Fn(&[f64; 6], f64) -> f64) -> [Vec<f64>; 2] {
+    let space = &case.space;
+    let at = |time: f64| {
+        let cells = 0..space.cells();
+        cells.map(|i| exact(&space.inner_point(&space.cell(i)), time)).collect::<Vec<f64>>()
+    };
+    [evolved(case, &rows(case), at(0.0), time), at(time)]
+}
+
 /// The relative L2 error after `time` of the solution that starts from `exact` at time zero.
 fn error_of(case: &Case, time: f64, exact: impl Fn(&[f64; 6], f64) -> f64) -> f64 {
-    let space = &case.space;
-    let points: Vec<[f64; 6]> =
-        (0..space.cells()).map(|i| space.inner_point(&space.cell(i))).collect();
-    let f = points.iter().map(|p| exact(p, 0.0)).collect();
-    let f = evolved(case, &rows(case), f, time);
+    let [found, exact] = compared(case, time, exact);
     let mut sums = [0.0; 2];
-    for (i, (p, f)) in points.iter().zip(&f).enumerate() {
-        let (exact, volume) = (exact(p, time), space.relative_volume(&space.cell(i)));
-        sums[0] += volume * (f - exact).powi(2);
+    for (i, (found, exact)) in found.iter().zip(&exact).enumerate() {
+        let volume = case.space.relative_volume(&case.space.cell(i));
+        sums[0] += volume * (found - exact).powi(2);
         sums[1] += volume * exact.powi(2);
     }
     (sums[0] / sums[1]).sqrt()
+}
+
+/// The L1 error of the same, on cells of degree 0.
+fn error_in_l1(case: &Case, time: f64, exact: impl Fn(&[f64; 6], f64) -> f64) -> f64 {
+    let [found, exact] = compared(case, time, exact);
+    let difference: f64 = found.iter().zip(&exact).map(|(f, exact)| (f - exact).abs()).sum();
+    difference * case.space.cell_volume()
 }
 
 /// A beam in two dimensions, which turns in a harmonic potential along x and streams along y,
@@ -309,7 +309,7 @@ fn a_beam_in_two_dimensions_converges_with_order_k_plus_1() {
             );
             error_of(&Case::parse("beam", &text, &[]).expect("a good case"), TIME, beam)
         });
-        let order = (errors[0] / errors[1]).ln() / 1.5f64.ln();
+        let order = order_of(errors, 1.5);
         println!("degree {degree}: order {order:.2}, errors {errors:?}");
         orders.push((order - (degree + 1) as f64).abs());
     }
@@ -347,7 +347,7 @@ fn a_beam_down_a_step_in_two_dimensions_converges_with_order_3() {
         let tracer = Tracer::new(&case).expect("V is finite");
         error_of(&case, case.end, |p, time| tracer.value(p, time))
     });
-    let order = (errors[0] / errors[1]).ln() / 1.5f64.ln();
+    let order = order_of(errors, 1.5);
     println!("order {order:.2}, errors {errors:?}");
     assert!((order - 3.0).abs() < 0.3, "order {order}, {errors:?}");
 }

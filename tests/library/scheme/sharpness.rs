@@ -1,12 +1,11 @@
 //! The ratios of the bounds on the spectra of `S` and `H` to the values that Lanczos finds.
 
-use crate::dense::{case, noise};
+use crate::dense::{case, case_path, noise};
 use faer::{Mat, Side};
 use num_complex::Complex64;
 use phasewarp::matrix::bounds::{Bounds, SpectralInterval};
 use phasewarp::problem::case::Case;
 use phasewarp::scheme::rows::{Row, Scheme};
-use std::path::Path;
 
 /// The number of Lanczos steps.
 const STEPS: usize = 90;
@@ -256,8 +255,7 @@ fn bounds_are_sharp_on_the_cases() {
                     settings.push(format!("axis.{a}.{axis}.cells={}", (nodes / 2 * 2).max(2)));
                 }
             }
-            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("cases").join(name);
-            let Ok(case) = Case::load(&path, &settings) else {
+            let Ok(case) = Case::load(&case_path(name), &settings) else {
                 assert!(degree == 0, "{name}: {settings:?}");
                 continue;
             };

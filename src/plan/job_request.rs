@@ -62,7 +62,7 @@ pub struct MeshCandidate {
 
 /// The resources to request.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Advice {
+pub struct JobRequest {
     /// The meshes: the default one of a run, then the others that fit, the cheapest first.
     pub meshes: Vec<MeshCandidate>,
     /// Modelled time of the plan's own mesh, for all fields: rows times applications of the rank
@@ -87,7 +87,7 @@ pub struct Advice {
     pub takes_points: bool,
 }
 
-impl Advice {
+impl JobRequest {
     /// The advice for `plan` on `resources` and nodes like `node`. On this machine each of as many
     /// ranks would have `here` bytes.
     pub fn new(
@@ -152,7 +152,7 @@ fn mesh_candidates(case: &Case, plan: &Plan, resources: &Resources) -> Vec<MeshC
     meshes
 }
 
-impl fmt::Display for Advice {
+impl fmt::Display for JobRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let (Some(node), Some(nodes), Some(memory)) =
             (self.node, self.nodes, self.memory_per_node)
@@ -233,7 +233,7 @@ mod tests {
                 };
                 let (case, first) = plan(64, None);
                 let limited = Resources { memory_per_rank: Some(limit), ..resources.clone() };
-                let advice = Advice::new(&case, &first, &limited, None, 0);
+                let advice = JobRequest::new(&case, &first, &limited, None, 0);
                 let points = advice.largest_points.expect("some fit");
                 // A plan for so many points agrees; groups differ by a batch or two.
                 let space = advice.largest_points_mesh.clone();
@@ -246,7 +246,7 @@ mod tests {
                 }
                 // The same number for any request, and in the refusal of too many points.
                 let (case, other) = plan(points / 4 * 2, None);
-                let again = Advice::new(&case, &other, &limited, None, 0);
+                let again = JobRequest::new(&case, &other, &limited, None, 0);
                 assert_eq!(again.largest_points, Some(points));
                 let case = Case::load(&path, &sets(more, method)).expect("a case");
                 let refused = Plan::new(&case, &limited, 1.5).expect_err("too many");
