@@ -62,8 +62,8 @@ pub fn run(world: &World, given: &Case, directory: &Path, options: &Options) -> 
     compute(world, case, Some(output))?.write_prepared(world, directory)
 }
 
-/// As [`finished::is_done`]. What a kill left of the checkpoints of a finished run is removed, unless another
-/// run is at work in the directory. Collective.
+/// As [`finished::is_done`]. What a kill left of the checkpoints of a finished run is removed,
+/// unless another run is at work in the directory. Collective.
 pub fn is_done_removing_rest(
     world: &World,
     directory: &Path,

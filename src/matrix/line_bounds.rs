@@ -265,8 +265,8 @@ impl PhaseLines {
         -self.interval(HermitianForm { flux: self.flux, mu: 1.0, skew: 0.0 })[0]
     }
 
-    /// Bound on the spectrum of `−S` with the faces in space replaced by `seen(face)`, with this flux
-    /// and these ends of the velocity axis.
+    /// Bound on the spectrum of `−S` with the faces in space replaced by `seen(face)`, with this
+    /// flux and these ends of the velocity axis.
     pub fn dissipation_of(
         &self,
         flux: f64,

@@ -4,9 +4,9 @@
 //! A box is cut into halves along each axis in turn. A half is kept if its
 //! [bounds](crate::problem::formula::Enclosure) allow values far above those of nearly all samples.
 //! A cut that leaves out no half is not made, unless no other one does, so that axes along which a
-//! part is long stay whole. Boxes that touch are one part. Bounds overlook nothing: bells, boxes and
-//! sheets along the axes are found down to `2^−24` of an axis. Of curves and of sheets in other
-//! directions there are many boxes, and the search ends with more than [`MOST_BOXES`].
+//! part is long stay whole. Boxes that touch are one part. Bounds overlook nothing: bells, boxes
+//! and sheets along the axes are found down to `2^−24` of an axis. Of curves and of sheets in other
+//! directions there are many boxes, and the search ends with more than 1024.
 
 use crate::problem::case::{Case, TIME};
 use crate::problem::grid::{AxisEnd, coordinate};
@@ -104,7 +104,8 @@ impl<'a> SourceFormula<'a> {
         field.entering().enclosure(&ranges).magnitude()
     }
 
-    /// Whether the velocity along an axis, a coordinate of the source, is what leads through its end.
+    /// Whether the velocity along an axis, which leads through its ends, is a coordinate of the
+    /// source.
     fn enters_by_velocity(&self, axis: usize) -> bool {
         axis < self.case.space.dimension() && !self.case.is_measure_valued()
     }

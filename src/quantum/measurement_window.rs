@@ -41,8 +41,8 @@ impl Deviation {
         Self::by_transforms(MOST_WINDOW_SAMPLES, series, point, reach)
     }
 
-    /// The deviation as [`new`](Self::new) finds it, by transforms of at most `longest` samples: the
-    /// first takes every `k`-th sample, the next one those after them.
+    /// The deviation of [`new`](Self::new), by transforms of at most `longest` samples: the first
+    /// takes every `k`-th sample, the next one those after them.
     fn by_transforms(
         longest: usize,
         series: &Series,

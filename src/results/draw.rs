@@ -72,8 +72,8 @@ fn svg(figure: &Figure) -> FileResult<String> {
     let mut text = String::new();
     let [width, height] = layout.pixels();
     layout.draw(&SVGBackend::with_string(&mut text, (width, height)).into_drawing_area())?;
-    // The layout is drawn at twice its size, so that half points are whole pixels. `plotters` writes
-    // a wrong media type for pictures.
+    // The figure is drawn at twice its size, so that half points are whole pixels. `plotters`
+    // writes a wrong media type for pictures.
     let from = format!("width=\"{width}\" height=\"{height}\"");
     let to = format!("width=\"{}\" height=\"{}\"", width / 2, height / 2);
     Ok(text.replacen(&from, &to, 1).replace("data:png;base64", "data:image/png;base64"))

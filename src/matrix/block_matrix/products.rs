@@ -183,8 +183,9 @@ impl BlockMatrix {
         }
     }
 
-    /// The products of [`apply`](Self::apply), without the row of a common auxiliary unknown, which is
-    /// a sum over all ranks. Calls `then` with rows, `y` and `x` as soon as these products are done, while they are in cache.
+    /// The products of [`apply`](Self::apply), without the row of a common auxiliary unknown, which
+    /// is a sum over all ranks. Calls `then` with rows, `y` and `x` as soon as these products are
+    /// done, while they are in cache.
     pub fn apply_then(
         &self,
         exchange: &mut GhostExchange,

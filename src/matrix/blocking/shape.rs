@@ -6,8 +6,8 @@ use std::ops::Range;
 
 /// Most steps in one pass.
 pub const MOST_LEVELS: usize = 16;
-/// Most steps in a planned pass in more than one dimension: cells along the edges of strips are read
-/// from memory again, and deeper passes were measured to be slower.
+/// Most steps in a planned pass in more than one dimension: cells along the edges of strips are
+/// read from memory again, and deeper passes were measured to be slower.
 const MOST_LEVELS_IN_STRIPS: usize = 8;
 /// Time in ns of a row of a step whose data are in the cache of a core: its arithmetic. This and
 /// the following times were measured (docs/performance.md); only their ratios matter.

@@ -216,8 +216,8 @@ impl NotCompared {
         Some(Self { count: wanted.clone().count(), budget: wanted.reduce(f64::min)? })
     }
 
-    /// The number of set-ups, and the budget that may find quicker ones, as `5 set-ups were not compared: a
-    /// --budget of about 40 s may find quicker ones`.
+    /// The number of set-ups, and the budget that may find quicker ones, as `5 set-ups were not
+    /// compared: a --budget of about 40 s may find quicker ones`.
     pub fn text(self) -> String {
         let were = counted(self.count, "set-up was", "set-ups were");
         format!("{were} not compared: {} may find quicker ones", longer(self.budget))
