@@ -87,8 +87,11 @@ pub struct Bounds {
     pub coupling: f64,
     /// Whether `V` jumps.
     pub jumps: bool,
+    /// Whether it jumps at faces across each axis.
+    #[serde(skip)]
+    pub jumps_across: [bool; MAX_DIMENSION],
     /// Numbers of faces across each axis at which it jumps: of each layer of cells along the first
-    /// axis. Counted for degree 0.
+    /// axis. Empty if slopes are not limited.
     #[serde(skip)]
     pub jump_faces: Vec<[usize; MAX_DIMENSION]>,
     /// Number of kinds of space cells by slopes and jumps of `V`, up to [`MOST_KINDS`]. Cells of a
@@ -185,7 +188,8 @@ impl Bounds {
                 lines.iter().map(LineBounds::dissipation).sum(),
             )
         };
-        let jumps = jumps.iter().any(Option::is_some);
+        let jumps_across = jumps.map(|jump| jump.is_some());
+        let jumps = jumps_across.contains(&true);
         let inflow = case.embeds();
         let grows = jumps && !case.is_galerkin() && law_of(case.scheme.interface).may_grow();
         let growth = allowed_growth(case, grows);
@@ -202,6 +206,7 @@ impl Bounds {
                 0.0
             },
             jumps,
+            jumps_across,
             jump_faces,
             kinds: kinds.len(),
             traced: OnceLock::new(),
@@ -211,11 +216,6 @@ impl Bounds {
             weighted: grows && case.warp.weights && case.method == Method::Schrodingerized,
             inflow,
         })
-    }
-
-    /// Whether `V` jumps at faces across an axis.
-    pub fn jumps_across(&self, axis: usize) -> bool {
-        self.jump_faces.iter().any(|faces| faces[axis] > 0)
     }
 
     /// The most faces across an axis at which `V` jumps in so many successive layers of cells along
@@ -389,7 +389,8 @@ mod tests {
                 lines: Vec::new(),
                 coupling: 0.0,
                 jumps: true,
-                jump_faces: vec![[1; MAX_DIMENSION]],
+                jumps_across: [true; MAX_DIMENSION],
+                jump_faces: Vec::new(),
                 kinds: 1,
                 weighted: true,
                 inflow: false,

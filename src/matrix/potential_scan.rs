@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::base::row_major::volume;
 use crate::matrix::element_faces::ElementFaces;
-use crate::problem::case::Case;
+use crate::problem::case::{Case, Limiter};
 use crate::problem::grid::MAX_DIMENSION;
 use crate::problem::potential::{LargestJump, Potential};
 use std::collections::HashSet;
@@ -22,7 +22,7 @@ pub(super) struct PotentialScan<'a> {
     pub(super) forces: [bool; MAX_DIMENSION],
     /// The largest jump at faces across each axis.
     pub(super) jumps: [Option<LargestJump>; MAX_DIMENSION],
-    /// The faces at which `V` jumps, for degree 0: see [`Potential::jump_faces`].
+    /// The faces at which `V` jumps, if slopes are limited: see [`Potential::jump_faces`].
     pub(super) jump_faces: Vec<[usize; MAX_DIMENSION]>,
     /// Kinds of space cells by slopes and jumps, up to [`MOST_KINDS`].
     pub(super) kinds: HashSet<[u64; 2 * MAX_DIMENSION]>,
@@ -39,7 +39,7 @@ impl<'a> PotentialScan<'a> {
         let layers = (CELLS_AT_ONCE / layer.max(1)).max(1).next_multiple_of(first.nodes.count());
         let (mut force, mut forces) = (0.0f64, [false; MAX_DIMENSION]);
         let mut jumps = [None; MAX_DIMENSION];
-        let mut jump_faces = Vec::with_capacity(first.cells);
+        let mut jump_faces = Vec::new();
         let mut kinds = HashSet::new();
         let mut faces = case.is_galerkin().then(|| ElementFaces::new(case));
         for i in (0..first.cells).step_by(layers) {
@@ -54,7 +54,9 @@ impl<'a> PotentialScan<'a> {
                 let height = |jump: Option<LargestJump>| jump.map_or(0.0, |jump| jump.height);
                 *jump = if height(found) > height(*jump) { found } else { *jump };
             }
-            jump_faces.extend(layer.jump_faces());
+            if case.scheme.limiter != Limiter::None {
+                jump_faces.extend(layer.jump_faces());
+            }
             layer.collect_kinds(&mut kinds, MOST_KINDS);
             ranges[0] = i..end;
             faces.iter_mut().for_each(|faces| faces.add(&layer, &ranges));

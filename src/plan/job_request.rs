@@ -88,7 +88,7 @@ pub struct JobRequest {
 }
 
 impl JobRequest {
-    /// The advice for `plan` on `resources` and nodes like `node`. On this machine each of as many
+    /// The request for `plan` on `resources` and nodes like `node`. On this machine each of as many
     /// ranks would have `here` bytes.
     pub fn new(
         case: &Case,
@@ -233,10 +233,10 @@ mod tests {
                 };
                 let (case, first) = plan(64, None);
                 let limited = Resources { memory_per_rank: Some(limit), ..resources.clone() };
-                let advice = JobRequest::new(&case, &first, &limited, None, 0);
-                let points = advice.largest_points.expect("some fit");
+                let request = JobRequest::new(&case, &first, &limited, None, 0);
+                let points = request.largest_points.expect("some fit");
                 // A plan for so many points agrees; groups differ by a batch or two.
-                let space = advice.largest_points_mesh.clone();
+                let space = request.largest_points_mesh.clone();
                 assert!(plan(points, space).1.memory() <= limit);
                 let more = points + 32 * ranks;
                 let work = PlannedWork { warp: None, ..first.work(&case) };

@@ -498,16 +498,21 @@ impl<'a> FullestRank<'a> {
     /// what is beyond faces at ends of the box and at jumps, and what enters along velocity axes.
     fn slopes(&self) -> u64 {
         const FACE: u64 = 40;
-        const SOURCES_OF_A_FACE: u64 = 2 * 16;
+        const SOURCE: u64 = 16;
         let space = &self.case.space;
         let speeds = self.cells / self.points;
+        // Two between which it is interpolated, transmitted and reflected.
+        let sources = if self.case.reflects() { 4 } else { 2 };
         let layers = largest_part(&space.x[0], self.mesh.space[0]);
+        let own_cells = |a: usize| largest_part(&space.x[a], self.mesh.space[a]) as u64;
         let across = |a: usize| {
             let jumps = self.points.min(self.bounds.most_jump_faces(a, layers) as u64) * speeds;
-            let ends = u64::from(!space.periodic[a]) * self.cells / space.x[a].cells as u64;
+            let ends = u64::from(!space.periodic[a]) * self.cells / own_cells(a);
             let lines = self.cells / space.v[a].cells as u64;
             let entering = u64::from(self.bounds.has_forces() && self.bounds.inflow) * 16 * lines;
-            let faces = 2 * (FACE * (ends + jumps) + SOURCES_OF_A_FACE * jumps);
+            // A block has both ends of an axis if it is not cut.
+            let ends = ends * (3 - self.mesh.space[a].min(2) as u64);
+            let faces = FACE * (ends + 2 * jumps) + 2 * SOURCE * sources * jumps;
             16 * self.points + faces + entering
         };
         8 * self.length() + (0..space.dimension()).map(across).sum::<u64>()
@@ -709,7 +714,7 @@ fn entries_of_a_row(case: &Case, bounds: &Bounds) -> u64 {
         };
         transport
             + usize::from(bounds.forces[a]) * force
-            + usize::from(bounds.jumps_across(a)) * jump
+            + usize::from(bounds.jumps_across[a]) * jump
     };
     1 + (0..space.dimension()).map(|a| along(a) as u64).sum::<u64>()
 }

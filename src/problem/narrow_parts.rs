@@ -146,6 +146,37 @@ impl<'a> SourceFormula<'a> {
         if value.is_finite() { value.abs() } else { 0.0 }
     }
 
+    /// The length along an axis through `place` on which `|f|` is above `edge`.
+    fn extent_above(&self, edge: f64, place: &SamplePoint, axis: usize) -> f64 {
+        /// Steps double from this part of the axis on, and are halved as often.
+        const FIRST_STEP: i32 = -30;
+        let own = self.case.space.axis(axis);
+        let [lower, upper] = match self.end {
+            Some(end) if end.axis == axis => [0.0, self.case.end],
+            _ => [own.lower, own.upper],
+        };
+        let towards = |end: f64| {
+            let all = end - place[axis];
+            let is_above = |part: f64| {
+                let mut at = *place;
+                at[axis] += part * all;
+                self.magnitude(&at) > edge
+            };
+            let doubled = (FIRST_STEP..=0).map(|k| 2f64.powi(k));
+            let Some(mut outside) = doubled.into_iter().find(|part| !is_above(*part)) else {
+                return all.abs();
+            };
+            let mut inside = 0.5 * outside;
+            for _ in FIRST_STEP..0 {
+                let middle = 0.5 * (inside + outside);
+                let end = if is_above(middle) { &mut inside } else { &mut outside };
+                *end = middle;
+            }
+            inside * all.abs()
+        };
+        towards(lower) + towards(upper)
+    }
+
     /// Whether an axis is one along which the points of a source differ.
     fn has_axis(&self, axis: usize) -> bool {
         axis < self.case.source_dimensions()
@@ -191,7 +222,7 @@ pub struct UnresolvedPart {
     /// About the width along this axis at which its values fall to `1/e`, from what is above the
     /// level of other data: that of a bell.
     pub width: f64,
-    /// Number of elements of this axis that have two nodes across the width.
+    /// Number of elements of this axis whose nodes resolve the width.
     pub elements: f64,
     /// The share of the data in it.
     pub share: f64,
@@ -222,7 +253,7 @@ pub fn unresolved_part(case: &Case) -> Option<UnresolvedPart> {
         // Of a bell exp(-(2x/width)^2) the part is what is above its edge.
         let edge = (HIGH * shown.level).max(EDGE * largest);
         let widths = (largest / edge).ln().max(0.0).sqrt();
-        let width = |a: usize| part.width_at(&place, a) / widths;
+        let width = |a: usize| formula.extent_above(edge, &place, a) / widths;
         let across = |a: usize| {
             let axis = case.space.axis(a);
             width(a) / (axis.upper - axis.lower) * axis.cells as f64
@@ -245,7 +276,7 @@ pub fn unresolved_part(case: &Case) -> Option<UnresolvedPart> {
     found.max_by(|a, b| a.share.total_cmp(&b.share))
 }
 
-/// The narrow parts of a source whose points are mostly in `usual`: disjoint sets of boxes.
+/// The narrow parts of a source whose points are mostly in `usual`. They may overlap.
 pub fn narrow_parts(formula: &SourceFormula<'_>, usual: &BoxSet) -> Vec<BoxSet> {
     parts_above(formula, &SampleLevel::of(formula, usual))
 }
@@ -257,16 +288,20 @@ fn parts_above(formula: &SourceFormula<'_>, shown: &SampleLevel) -> Vec<BoxSet> 
         Some(end) => SampleBox::of_inflow(formula.case, end),
     };
     let narrow = NARROW * whole.volume(|a| formula.has_axis(a));
-    // A part with its integrals of `|f|` and of `f²`, if its samples are as high as its bounds.
+    // A part with its integrals of `|f|` and of `f²`, if samples show high values in it.
     let with_integrals = |part: BoxSet| {
+        // Points of a sequence fill one box most evenly.
+        let hull = BoxSet::from(part.hull());
+        let is_narrow = hull.volume(|a| formula.has_axis(a)) < narrow;
+        let part = if is_narrow { hull } else { part };
         let volume = part.volume(|a| formula.has_axis(a));
         let samples = formula.samples(&part);
         let is_high = samples.iter().any(|f| *f > HIGH * shown.level);
         let own = integrals(samples.into_iter(), volume);
         (is_high && volume < narrow && shown.has_part(own, NOTICEABLE)).then_some((part, own))
     };
-    let parts = BoxSet::connected(&high_boxes(formula, whole, shown));
-    let mut found: Vec<_> = parts.into_iter().filter_map(with_integrals).collect();
+    let parts = BoxSet::connected(&high_boxes(formula, &whole, shown), &whole).into_iter();
+    let mut found: Vec<_> = parts.filter_map(with_integrals).collect();
     found.sort_by(|(_, a), (_, b)| b[0].total_cmp(&a[0]));
     found.truncate(MOST_PARTS);
     found.into_iter().map(|(part, _)| part).collect()
@@ -275,11 +310,11 @@ fn parts_above(formula: &SourceFormula<'_>, shown: &SampleLevel) -> Vec<BoxSet> 
 /// Equal boxes in which `|f|` may be above all that samples show.
 fn high_boxes(
     formula: &SourceFormula<'_>,
-    whole: SampleBox,
+    whole: &SampleBox,
     shown: &SampleLevel,
 ) -> Vec<SampleBox> {
     let high = HIGH * shown.level;
-    let (mut boxes, mut largest) = (vec![whole], 0.0);
+    let (mut boxes, mut largest) = (vec![whole.clone()], 0.0);
     if formula.bound(&boxes[0]) <= high {
         return Vec::new();
     }
@@ -337,10 +372,11 @@ mod tests {
         narrow_parts(&SourceFormula::new(case, end), &SampleBox::whole(&case.space, 0.0).into())
     }
 
-    /// The widths along `x` and `v` of the part at a point, if there is one.
+    /// The widths along `x` and `v` of the part around a point, if there is one.
     fn widths(part: &BoxSet, point: [f64; 2]) -> Option<[f64; 2]> {
         let place = [point[0], point[1], 0.0, 0.0, 0.0, 0.0];
-        part.contains(&place, 2).then(|| [0, 1].map(|axis| part.width_at(&place, axis)))
+        let hull = part.hull();
+        part.contains(&place, 2).then(|| [0, 1].map(|axis| hull.upper[axis] - hull.lower[axis]))
     }
 
     /// However narrow they are, and beside anything else; what samples show is not.
@@ -357,33 +393,61 @@ mod tests {
         let sheet = |distance: &str| format!("1 + 1e5*exp(-({distance})^2/1e-10)");
         let half_circle = "(sqrt(0.7 - x^2 - v^2) if x^2 + v^2 < 0.7 else 0)";
         let [one, two] = [beam(-0.37, 0.77, 3e-3, 0.0225), beam(0.611, -0.9, 1e-4, 0.01)];
-        let rows: [(String, &[[f64; 2]]); 17] = [
+        // The formula, and of each part a point and a bound on its volume.
+        type Row<'a> = (String, &'a [([f64; 2], f64)]);
+        let rows: [Row<'_>; 17] = [
             (cloud.to_owned(), &[]),
             ("1".to_owned(), &[]),
             ("0".to_owned(), &[]),
             ("sin(300*x)*cos(170*v)".to_owned(), &[]),
             ("1 + x*v - x*v^2 + (x - v)*(x + v)".to_owned(), &[]),
             (beam(-0.37, 0.77, 3e-3, 1e-7) + "+" + cloud, &[]),
-            (format!("{cloud} + {one}"), &[[-0.37, 0.77]]),
-            (format!("{one} + {two} + x*v - 0.3*x*v^2"), &[[-0.37, 0.77], [0.611, -0.9]]),
-            (two.clone(), &[[0.611, -0.9]]),
-            (box_of(0.2031, 0.0177, 2e-4) + "+ 0.01", &[[0.2031, 0.0177]]),
-            (sheet("v - 0.503"), &[[0.0, 0.503]]),
-            (sheet("x + 0.7081"), &[[-0.7081, 0.0]]),
-            (sheet("v - 0.503") + "+" + &sheet("x + 0.7081"), &[[0.3, 0.503]]),
-            (sheet("x - v - 0.2"), &[[0.5, 0.3]]),
-            (sheet("x^2 + v^2 - 0.5"), &[[0.5, 0.5]]),
+            (format!("{cloud} + {one}"), &[([-0.37, 0.77], 1e-3)]),
+            (
+                format!("{one} + {two} + x*v - 0.3*x*v^2"),
+                &[([-0.37, 0.77], 1e-3), ([0.611, -0.9], 2e-6)],
+            ),
+            (two.clone(), &[([0.611, -0.9], 2e-6)]),
+            (box_of(0.2031, 0.0177, 2e-4) + "+ 0.01", &[([0.2031, 0.0177], 1e-6)]),
+            (sheet("v - 0.503"), &[([0.0, 0.503], 5e-4)]),
+            (sheet("x + 0.7081"), &[([-0.7081, 0.0], 5e-4)]),
+            (sheet("v - 0.503") + "+" + &sheet("x + 0.7081"), &[([0.3, 0.503], 0.1)]),
+            (sheet("x - v - 0.2"), &[([0.5, 0.3], 0.1)]),
+            (sheet("x^2 + v^2 - 0.5"), &[([0.5, 0.5], 0.1)]),
             (half_circle.to_owned(), &[]),
-            (format!("{half_circle} + {}", beam(-0.37, 0.47, 1e-4, 0.01)), &[[-0.37, 0.47]]),
+            (
+                format!("{half_circle} + {}", beam(-0.37, 0.47, 1e-4, 0.01)),
+                &[([-0.37, 0.47], 2e-6)],
+            ),
         ];
         for (f, places) in rows {
             let case = case(&format!("[initial]\nf = \"{f}\""));
             let parts = found(&case, None);
             assert_eq!(parts.len(), places.len(), "{f}: {parts:?}");
-            for place in places {
-                let mut own = parts.iter().filter_map(|part| widths(part, *place));
-                assert!(own.any(|[x, v]| x.min(v) < 0.05), "{f}: {parts:?}");
+            for &(place, volume) in places {
+                let is_small =
+                    |part: &BoxSet| widths(part, place).is_some() && part.volume(|_| true) < volume;
+                assert!(parts.iter().any(is_small), "{f}: {parts:?}");
             }
+        }
+    }
+
+    /// The width of a part that the grid does not resolve is that at its peak, for any shape, and
+    /// of measure-valued data in any velocity box.
+    #[test]
+    fn widths_of_unresolved_parts_are_measured() {
+        let oblique = "f = \"1 + 1e5*exp(-(x - v - 0.2)^2/1e-10)\"";
+        let ring = "f = \"1 + 1e5*exp(-(x^2 + v^2 - 0.5)^2/1e-8)\"";
+        let spike = "density = \"1 + 1e4*exp(-(x - 0.2)^2/1e-8)\"\nvelocity = [\"0.6\"]";
+        // Twice the width of the bell, and for the ring that along the shorter axis.
+        for (data, expected) in [(oblique, 2e-5), (ring, 1.4e-4), (spike, 2e-4)] {
+            let mut case = case(&format!("[initial]\n{data}"));
+            if case.is_measure_valued() {
+                (case.space.v[0].lower, case.space.v[0].upper) = (0.3, 0.9);
+            }
+            let part = unresolved_part(&case).expect("it is not resolved");
+            let ratio = part.width / expected;
+            assert!((0.6..1.7).contains(&ratio), "{data}: {} {expected}", part.width);
         }
     }
 

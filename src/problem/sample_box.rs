@@ -73,12 +73,6 @@ impl SampleBox {
     fn width(&self, axis: usize) -> f64 {
         self.upper[axis] - self.lower[axis]
     }
-
-    /// The number of the box around `place`, along the first `dimensions` axes, if this has 0.
-    fn number(&self, place: &SamplePoint, dimensions: usize) -> BoxNumber {
-        let along = |a: usize| ((place[a] - self.lower[a]) / self.width(a)).floor() as i32;
-        std::array::from_fn(|a| if a < dimensions { along(a) } else { 0 })
-    }
 }
 
 /// The place of a box among equal ones, in widths of a box along each axis.
@@ -87,24 +81,34 @@ type BoxNumber = [i32; MOST_DIMENSIONS];
 /// Equal boxes of a regular grid.
 #[derive(Clone, Debug)]
 pub struct BoxSet {
-    /// The box with the number 0.
-    origin: SampleBox,
+    /// Lower ends of the box with the number 0.
+    lower: Vec<f64>,
+    /// Widths of a box.
+    widths: Vec<f64>,
     /// The numbers of the boxes, in order.
     numbers: Vec<BoxNumber>,
 }
 
 impl From<SampleBox> for BoxSet {
     fn from(own: SampleBox) -> Self {
-        Self { origin: own, numbers: vec![[0; MOST_DIMENSIONS]] }
+        let widths = (0..own.lower.len()).map(|a| own.width(a)).collect();
+        Self { lower: own.lower, widths, numbers: vec![[0; MOST_DIMENSIONS]] }
     }
 }
 
 impl BoxSet {
-    /// Equal boxes of a regular grid, in sets of those that touch, on their faces at least.
-    pub fn connected(boxes: &[SampleBox]) -> Vec<Self> {
-        let Some(origin) = boxes.first() else { return Vec::new() };
-        let centred = |own: &SampleBox| origin.number(&own.centre(), own.lower.len());
-        let mut left: Vec<BoxNumber> = boxes.iter().map(centred).collect();
+    /// Equal parts of the box `whole`, in sets of those that touch, on their faces at least.
+    pub fn connected(boxes: &[SampleBox], whole: &SampleBox) -> Vec<Self> {
+        let Some(first) = boxes.first() else { return Vec::new() };
+        // The width of one box is rounded: the others' numbers would not be whole.
+        let width = |a: usize| whole.width(a) / (whole.width(a) / first.width(a)).round();
+        let grid = Self {
+            lower: whole.lower.clone(),
+            widths: (0..whole.lower.len()).map(width).collect(),
+            numbers: Vec::new(),
+        };
+        let number = |own: &SampleBox| grid.number(&own.centre(), own.lower.len());
+        let mut left: Vec<BoxNumber> = boxes.iter().map(number).collect();
         let mut sets = Vec::new();
         while let Some(first) = left.pop() {
             let mut numbers = vec![first];
@@ -117,9 +121,20 @@ impl BoxSet {
                 next += 1;
             }
             numbers.sort_unstable();
-            sets.push(Self { origin: origin.clone(), numbers });
+            sets.push(Self { numbers, ..grid.clone() });
         }
         sets
+    }
+
+    /// The least box around all boxes.
+    pub fn hull(&self) -> SampleBox {
+        let end = |a: usize, number: i32| self.lower[a] + f64::from(number) * self.widths[a];
+        let numbers = |a: usize| self.numbers.iter().map(move |number| number[a]);
+        let axes = || 0..self.lower.len();
+        SampleBox {
+            lower: axes().map(|a| end(a, numbers(a).min().unwrap_or(0))).collect(),
+            upper: axes().map(|a| end(a, numbers(a).max().unwrap_or(0) + 1)).collect(),
+        }
     }
 
     /// The place of the point `unit` of the unit cube, along the first `dimensions` axes: each box
@@ -128,41 +143,30 @@ impl BoxSet {
         let count = self.numbers.len();
         let along = unit[0] * count as f64;
         let number = self.numbers[(along as usize).min(count - 1)];
-        let mut own = *unit;
-        own[0] = along.fract();
-        for (unit, number) in own.iter_mut().zip(number) {
-            *unit += f64::from(number);
+        let mut place = [0.0; MOST_DIMENSIONS];
+        for (a, at) in place.iter_mut().enumerate().take(dimensions) {
+            let within = if a == 0 { along.fract() } else { unit[a] };
+            *at = self.lower[a] + (f64::from(number[a]) + within) * self.widths[a];
         }
-        self.origin.at(&own, dimensions)
+        place
     }
 
     /// Whether `place` is in one of the boxes, without their upper ends, along the first
     /// `dimensions` axes.
     pub fn contains(&self, place: &SamplePoint, dimensions: usize) -> bool {
-        self.has(&self.origin.number(place, dimensions))
-    }
-
-    fn has(&self, number: &BoxNumber) -> bool {
-        self.numbers.binary_search(number).is_ok()
-    }
-
-    /// The width of the boxes that follow each other along an axis from that of `place`.
-    pub fn width_at(&self, place: &SamplePoint, axis: usize) -> f64 {
-        let own = self.origin.number(place, self.origin.lower.len());
-        let steps = |step: i32| {
-            let mut next = own;
-            next[axis] += step;
-            while self.has(&next) {
-                next[axis] += step;
-            }
-            next[axis].abs_diff(own[axis])
-        };
-        f64::from(steps(1) + steps(-1) - 1) * self.origin.width(axis)
+        self.numbers.binary_search(&self.number(place, dimensions)).is_ok()
     }
 
     /// The sum over the boxes of `∏ (upper − lower)` over the axes for which `counts` is true.
     pub fn volume(&self, counts: impl Fn(usize) -> bool) -> f64 {
-        self.numbers.len() as f64 * self.origin.volume(counts)
+        let widths = self.widths.iter().enumerate().filter(|(a, _)| counts(*a));
+        self.numbers.len() as f64 * widths.map(|(_, width)| width).product::<f64>()
+    }
+
+    /// The number of the box around `place`, along the first `dimensions` axes.
+    fn number(&self, place: &SamplePoint, dimensions: usize) -> BoxNumber {
+        let along = |a: usize| ((place[a] - self.lower[a]) / self.widths[a]).floor() as i32;
+        std::array::from_fn(|a| if a < dimensions { along(a) } else { 0 })
     }
 }
 

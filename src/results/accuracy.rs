@@ -184,7 +184,7 @@ pub enum ErrorSource {
     Measured,
     /// Estimated from the solution, and from particles whose scatter is large.
     Estimated,
-    /// SampleLevel by particles of the exact flow.
+    /// Shown by particles of the exact flow.
     Particles,
     /// The error of the result from which the run continues, which is larger than the estimate.
     Inherited,

@@ -102,8 +102,8 @@ pub fn draw(run: &StoredRun, beside: Option<&StoredRun>, cuts: &[Cut]) -> Result
         )));
     }
     let runs = Runs::new(run, beside);
-    let usual = Cut::densest(run, &[run.end()]);
-    let cuts = if cuts.is_empty() { std::slice::from_ref(&usual) } else { cuts };
+    let densest = Cut::densest(run, &[run.end()]);
+    let cuts = if cuts.is_empty() { std::slice::from_ref(&densest) } else { cuts };
     let mut album = Album { pictures: Vec::new(), left_out: Vec::new() };
     for (k, cut) in (1..).zip(cuts) {
         album.add(&numbered("phase_space", k), phase_space::draw(&runs, cut).map(Some));

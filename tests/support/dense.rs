@@ -35,7 +35,7 @@ pub fn mixed(mut h: u64) -> u64 {
     h
 }
 
-/// The same, as a number in [0, 1).
+/// [`mixed`] as a number in [0, 1).
 fn mixed_in_unit(h: u64) -> f64 {
     (mixed(h) >> 11) as f64 / (1u64 << 53) as f64
 }

@@ -94,16 +94,17 @@ impl Enclosure {
         Self { may_be_missing: a.may_be_missing || b.may_be_missing, ..self }
     }
 
-    /// The values of the function `of` with a `course`.
-    pub(super) fn function(&self, course: Monotonicity, of: fn(f64) -> f64) -> Self {
-        let found = if self.is_empty() { Self::NONE } else { self.of_course(course, of) };
+    /// The values of the function `of` with a `monotonicity`.
+    pub(super) fn function(&self, monotonicity: Monotonicity, of: fn(f64) -> f64) -> Self {
+        let found =
+            if self.is_empty() { Self::NONE } else { self.by_monotonicity(monotonicity, of) };
         Self { may_be_missing: self.may_be_missing, ..found }
     }
 
-    fn of_course(&self, course: Monotonicity, of: fn(f64) -> f64) -> Self {
+    fn by_monotonicity(&self, monotonicity: Monotonicity, of: fn(f64) -> f64) -> Self {
         let Self { lower, upper, .. } = *self;
         let ends = [of(lower), of(upper)];
-        match course {
+        match monotonicity {
             Monotonicity::Rising(domain) | Monotonicity::Falling(domain) => {
                 let [lower, upper] = [lower.max(domain[0]), upper.min(domain[1])];
                 if lower > upper { Self::NONE } else { Self::around([of(lower), of(upper)]) }

@@ -23,17 +23,17 @@ pub(super) struct Unary {
     /// has its kink at one point only.
     slope: Option<fn(f64) -> f64>,
     /// How it changes.
-    course: Monotonicity,
+    monotonicity: Monotonicity,
 }
 
 impl Unary {
-    const fn smooth(of: fn(f64) -> f64, slope: fn(f64) -> f64, course: Monotonicity) -> Self {
-        Self { of, slope: Some(slope), course }
+    const fn smooth(of: fn(f64) -> f64, slope: fn(f64) -> f64, monotonicity: Monotonicity) -> Self {
+        Self { of, slope: Some(slope), monotonicity }
     }
 
     /// A function that jumps or has a kink.
-    pub(super) const fn not_smooth(of: fn(f64) -> f64, course: Monotonicity) -> Self {
-        Self { of, slope: None, course }
+    pub(super) const fn not_smooth(of: fn(f64) -> f64, monotonicity: Monotonicity) -> Self {
+        Self { of, slope: None, monotonicity }
     }
 }
 
@@ -279,7 +279,7 @@ impl FormulaNode {
                 Enclosure::new(lower, upper)
             }
             Self::Function(function, argument) => {
-                argument.enclosure(ranges).function(function.course, function.of)
+                argument.enclosure(ranges).function(function.monotonicity, function.of)
             }
             Self::Table(table) => {
                 let [lower, upper] = table.range(ranges);

@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rand_distr::{Binomial, Distribution, Gamma, Open01};
 
-/// The number that a stream is for; no two purposes share a stream.
+/// The number that a stream is for; no two numbers share a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StreamKey {
     /// Number of the space cell, over the whole grid.

@@ -35,8 +35,8 @@ struct TimePicture {
 }
 
 impl Times {
-    /// The pictures of a run, through `cut` or else the usual cut; `None` for a run with fields at
-    /// one time only.
+    /// The pictures of a run, through `cut` or else the densest cut; `None` for a run with fields
+    /// at one time only.
     pub fn new(run: &StoredRun, cut: Option<Cut>) -> FileResult<Option<Self>> {
         let all = run.snapshots()?;
         if all.len() < 2 {

@@ -138,13 +138,17 @@ impl<'a> ParticleSampler<'a> {
             return self.draw_in(source, &bounds, units, |_| true);
         };
         let units: Vec<SamplePoint> = units.collect();
-        let mut drawn = self.draw_in(source, &bounds, units.iter().copied(), |at| {
-            !narrow.iter().any(|part| part.contains(at, self.case.source_dimensions()))
-        });
+        let in_one_of = |parts: &[BoxSet], at: &SamplePoint| {
+            parts.iter().any(|part| part.contains(at, self.case.source_dimensions()))
+        };
+        let in_none = |at: &SamplePoint| !in_one_of(narrow, at);
+        let mut drawn = self.draw_in(source, &bounds, units.iter().copied(), in_none);
         let some = units.iter().copied().step_by(FEWER);
         let weight = units.len() as f64 / some.len() as f64;
-        for part in narrow {
-            let found = self.draw_in(source, part, some.clone(), |_| true).into_iter();
+        for (k, part) in narrow.iter().enumerate() {
+            // Where parts overlap, places count in the first one.
+            let in_none_before = |at: &SamplePoint| !in_one_of(&narrow[..k], at);
+            let found = self.draw_in(source, part, some.clone(), in_none_before).into_iter();
             drawn.extend(found.map(|own| Particle { mass: weight * own.mass, ..own }));
         }
         drawn

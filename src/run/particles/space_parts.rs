@@ -32,7 +32,7 @@ impl<'a> SpaceParts<'a> {
         Self { space, elements: space.x.iter().map(elements).collect() }
     }
 
-    /// Parts of [`PARTICLES_OF_PART`] each of so many `particles`.
+    /// The parts for so many `particles`: about [`PARTICLES_OF_PART`] of them in each.
     pub fn for_particles(space: &'a PhaseSpace, particles: usize) -> Self {
         let (dimension, mut most) = (space.dimension() as u32, 1_usize);
         while (most + 1).pow(dimension) * PARTICLES_OF_PART <= particles {
