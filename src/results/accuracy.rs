@@ -277,6 +277,11 @@ pub const HIDDEN_VARIATION: &str = "V varies within cells, or jumps within a for
 pub const NARROW_DATA: &str = "the grid does not resolve a narrow part of the initial data, which \
                                an estimate may not count";
 
+/// Particles show an error of `f` that a measurement misses if it is this many times the measured
+/// one. In 79 runs it was at most 1.12 times where the measurement was right, and 1.2 to 220 times
+/// where it missed a beam or a pulse between its points.
+const BEYOND_MEASURED: f64 = 1.3;
+
 /// A larger relative error of the grid is large, whatever the algorithm's error.
 const LARGE_GRID_ERROR: f64 = 0.1;
 
@@ -357,12 +362,12 @@ impl Accuracy {
         self.includes_algorithm && self.is_large_for_its_goals()
     }
 
-    /// A large error of `f` that particles show beyond their scatter, if it is more than twice the
-    /// measured one. The measured one is the mean of the others where both see the same.
+    /// A large error of `f` that particles show beyond their scatter, if it is more than
+    /// [`BEYOND_MEASURED`] times the measured one.
     pub fn unmeasured_error(&self) -> Option<f64> {
         let is_met = self.goal_error.zip(self.goal).is_some_and(|(error, goal)| error <= goal);
         let measured = self.grid.filter(|_| self.grid_measured && !is_met)?;
-        self.particles.field.filter(|shown| is_large(*shown) && *shown > 2.0 * measured)
+        self.particles.field.filter(|shown| is_large(*shown) && *shown > BEYOND_MEASURED * measured)
     }
 
     /// Whether nothing but an estimate from the solution is known of the grid's error.

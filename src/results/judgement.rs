@@ -281,7 +281,8 @@ mod tests {
             summary.verdict
         };
         assert_eq!(judged(2, None, 0.46), Some(Verdict::Unknown));
-        assert_eq!(judged(2, None, 0.17), Some(Verdict::Resolved));
+        assert_eq!(judged(2, None, 0.13), Some(Verdict::Unknown));
+        assert_eq!(judged(2, None, 0.11), Some(Verdict::Resolved));
         assert_eq!(judged(2, Some(0.05), 0.46), Some(Verdict::Resolved));
         assert_eq!(judged(0, None, 0.46), Some(Verdict::Resolved));
     }

@@ -84,6 +84,22 @@ fn narrow_beams_and_pulses_are_not_overlooked() {
     assert!((entered - expected).abs() < 0.01 * expected, "{entered} {expected}");
 }
 
+/// A smooth pulse may begin at almost nothing: here at 1e-133.
+#[test]
+fn pulses_that_begin_at_almost_nothing_enter() {
+    let pulse = "inflow.value=exp(-((t - 0.7)/0.04)^2) if x < 0 else 0";
+    let settings = ["axis.0.v.cells=24", "time.end=0.9", "solver.tolerance=1e-2", "exact={}"];
+    let rows = ["solver.method=schrodingerized", "solver.method=classical"];
+    check_all(&rows, |method| {
+        let job = run("step_up.toml").set(&settings).set(&["initial.f=0", pulse, method]);
+        let summary = job.summary()?;
+        let entered = number(&summary, "mass", "entered")?;
+        // ∫ v dv ∫ f dt over the velocities up to the end of the box, 1.25.
+        let expected = 0.5 * 1.25 * 1.25 * 0.04 * std::f64::consts::PI.sqrt();
+        summary.holds(near("entered mass", entered, expected, 0.02 * expected))
+    });
+}
+
 /// The mass by the formula is that of a box of data whose grid is too large to look at every node,
 /// with numbers of cells of which the sampled nodes are multiples.
 #[test]
