@@ -34,7 +34,7 @@ const NEGLIGIBLE: f64 = 1e-7;
 /// The least part of the integral of `|f|`, or of `f²`, that is worth samples of its own.
 const NOTICEABLE: f64 = 1e-3;
 /// Fewest nodes across the width of a narrow part that resolve it.
-const NODES_ACROSS: f64 = 1.5;
+const NODES_ACROSS: f64 = 1.25;
 /// Data in parts that the grid does not resolve may be this part of the accuracy.
 const OF_ACCURACY: f64 = 0.5;
 
