@@ -94,8 +94,8 @@ fn pulses_that_begin_at_almost_nothing_enter() {
         let job = run("step_up.toml").set(&settings).set(&["initial.f=0", pulse, method]);
         let summary = job.summary()?;
         let entered = number(&summary, "mass", "entered")?;
-        // ∫ v dv ∫ f dt over the velocities up to 1.25, and over those beyond, up to √(1.25² + 0.4),
-        // which the step by 0.2 slows down into the box.
+        // ∫ v dv ∫ f dt over the velocities up to 1.25, and over those up to √(1.25² + 0.4), which
+        // the step by 0.2 slows down into the box.
         let expected = (0.5 * 1.25 * 1.25 + 0.2) * 0.04 * std::f64::consts::PI.sqrt();
         summary.holds(near("entered mass", entered, expected, 0.02 * expected))
     });
