@@ -177,6 +177,11 @@ impl<'a> SourceFormula<'a> {
         towards(lower) + towards(upper)
     }
 
+    /// Volume of boxes along these axes.
+    fn volume(&self, within: &BoxSet) -> f64 {
+        within.volume(|a| self.has_axis(a))
+    }
+
     /// Whether an axis is one along which the points of a source differ.
     fn has_axis(&self, axis: usize) -> bool {
         axis < self.case.source_dimensions()
@@ -197,7 +202,7 @@ impl SampleLevel {
         samples.sort_by(f64::total_cmp);
         let level = samples[SAMPLES - ABOVE_LEVEL];
         let counted = samples.iter().map(|f| f.min(HIGH * level));
-        Self { level, integrals: integrals(counted, within.volume(|a| formula.has_axis(a))) }
+        Self { level, integrals: integrals(counted, formula.volume(within)) }
     }
 
     /// Whether a box has a part of the integral of `|f|` or of `f²` above `least`.
@@ -261,7 +266,7 @@ pub fn unresolved_part(case: &Case) -> Option<UnresolvedPart> {
         // One cell is an axis along which nothing is to be resolved.
         let axes = (0..formula.case.source_dimensions()).filter(|a| case.space.axis(*a).cells > 1);
         let axis = axes.min_by(|a, b| across(*a).total_cmp(&across(*b)))?;
-        let mass = integrals(samples.into_iter(), part.volume(|a| formula.has_axis(a)))[0];
+        let mass = integrals(samples.into_iter(), formula.volume(&part))[0];
         let elements = case.space.axis(axis).elements() as f64;
         Some(UnresolvedPart {
             place,
@@ -292,9 +297,9 @@ fn parts_above(formula: &SourceFormula<'_>, shown: &SampleLevel) -> Vec<BoxSet> 
     let with_integrals = |part: BoxSet| {
         // Points of a sequence fill one box most evenly.
         let hull = BoxSet::from(part.hull());
-        let is_narrow = hull.volume(|a| formula.has_axis(a)) < narrow;
+        let is_narrow = formula.volume(&hull) < narrow;
         let part = if is_narrow { hull } else { part };
-        let volume = part.volume(|a| formula.has_axis(a));
+        let volume = formula.volume(&part);
         let samples = formula.samples(&part);
         let is_high = samples.iter().any(|f| *f > HIGH * shown.level);
         let own = integrals(samples.into_iter(), volume);

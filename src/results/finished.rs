@@ -262,8 +262,7 @@ pub fn remove_older(directory: &Path, case: &Case) -> Result<()> {
 /// `solver.strict` is set. Collective.
 ///
 /// # Errors
-/// [`Error::Missed`]; [`Error::Output`] if its summary
-/// cannot be read.
+/// [`Error::Missed`]; [`Error::Output`] if its summary cannot be read.
 pub fn refuse_missed(world: &Group, directory: &Path, strict: bool) -> Result<()> {
     world.on_first_rank(|| {
         let missed = MissedGoals::deserialize(&summary::read(directory)?["missed"]);

@@ -1,7 +1,6 @@
 //! Judges a run by the numbers of its summary: its accuracy, the goals that it misses, what would
 //! help, what is not known.
 
-use crate::base::text::{rounded_down, short};
 use crate::problem::case::{Case, Data, Integrator, Method};
 use crate::problem::narrow_parts::unresolved_part;
 use crate::problem::potential::resolution::unresolved_on_finer_grids;
@@ -146,10 +145,10 @@ fn doubt(accuracy: &Accuracy, case: &Case) -> Option<String> {
     // Cells of degree 0 are compared at their centres, by definition.
     let is_integral = case.space.lowest_degree() > 0;
     if let Some(shown) = accuracy.unmeasured_error().filter(|_| is_integral) {
-        let shown = short(rounded_down(100.0 * shown));
         return Some(format!(
-            "particles show an error of f of at least {shown} %, of which [exact] measures the \
-             smaller part: f varies between its points"
+            "particles show an error of f of at least {:.0} %, of which [exact] measures a part: f \
+             varies between its points",
+            (100.0 * shown).floor()
         ));
     }
     if accuracy.is_estimated_only() && unresolved_on_finer_grids(case).is_some() {

@@ -17,7 +17,7 @@ use crate::problem::sample_box::{BoxSet, MOST_DIMENSIONS, SampleBox, SamplePoint
 
 /// Independent replicates of each source.
 pub const REPLICATES: usize = 16;
-/// A narrow part has one in so many points of a replicate, with as much more mass each.
+/// Of the points of a replicate, each narrow part has one in so many, with as many times the mass.
 const FEWER: usize = 2;
 /// Bits of a Morton key.
 const MORTON_BITS: u32 = 60;
